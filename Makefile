@@ -50,16 +50,17 @@ accuracy: setup
 
 setup: $(STAMP)
 
+# Modules are compiled when they are first imported: most of the files of these packages never are.
 $(STAMP): pyproject.toml requirements.lock
 	$(PYTHON) -c 'import sys; sys.exit(None if sys.version_info >= (3, 11) else "vofem needs Python 3.11 or newer: make PYTHON=python3.11 ...")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
 	touch $(STAMP)
 
 # What only `make docs` and `make dist` need.
 $(SITE_STAMP): $(STAMP) requirements-site.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-site.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -r requirements-site.lock
 	touch $(SITE_STAMP)
 
 # Resolve the ranges of pyproject.toml anew and write down what was found.

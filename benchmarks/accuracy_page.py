@@ -34,7 +34,7 @@ from vofem.studies.accuracy.exact import Question, rounding
 from vofem.studies.accuracy.quantities import observe
 from vofem.studies.accuracy.study import Study
 from vofem.studies.accuracy.timing import machine
-from vofem.verification.cases.published_runs import loosely_supported_tube
+from vofem.verification.cases.published import loosely_supported_tube
 
 DOCS = Path(__file__).parent.parent / "docs"
 FIGURES = DOCS / "figures"

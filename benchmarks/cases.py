@@ -82,7 +82,9 @@ def chain(masses: int, contacts: int) -> System:
         )
         many = np.ones(contacts)
         names = tuple(f"stop-{k}" for k in range(contacts))
-        laws = ContactLaws(names, rows, 0.03 * many, many, 0.0 * many, np.zeros(contacts, dtype=bool), np.inf * many)
+        laws = ContactLaws(
+            names, rows, 0.03 * many, many, 0.0 * many, np.zeros(contacts, dtype=bool), np.inf * many, np.nan * many
+        )
     return System(
         mass=identity(masses, format="csc"),
         stiffness=diags([ones + last, -ones[1:], -ones[1:]], [0, 1, -1], format="csc"),

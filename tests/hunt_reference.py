@@ -314,69 +314,89 @@ def _narrowest(function, t_end):
 
 
 class SpringpotReference:
-    """The same for scenes with springpots: Newmark's rule and an L1 sum over the whole past, at two step sizes."""
+    """Scenes with springpots, stops and loads by the trapezoidal rule, at steps of one size.
 
-    def __init__(self, case):
-        self.case, system = case, case.scene.model.system
-        self.matrices, self.system = matrices(system), system
-        self.stops = [Stop(effect) for effect in case.laws["contact"]]
+    The past of the velocity is integrated exactly under the kernel, for a velocity that is linear between steps.
+
+    Parameters
+    ----------
+    scene : Scene
+    t_end : float
+    """
+
+    def __init__(self, scene, t_end):
+        self.scene, self.t_end, self.system = scene, t_end, scene.model.system
+        self.matrices = matrices(self.system)
+        self.stops = [Stop(effect) for effect in scene.contacts]
+        self.pots = [effect for effect in scene.effects if isinstance(effect, vf.Springpot)]
+        self.rows = group_of(self.system, SpringpotLaws).rows.toarray()
+        held = self.system.contacts
+        self.at_stops = np.zeros((0, self.rows.shape[1])) if held is None else held.rows.toarray()
 
     def run(self, steps):
-        """Return displacements at `steps` + 1 equal times, shape (n, steps + 1)."""
-        (M, C, K), system, h = self.matrices, self.system, self.case.t_end / steps
-        start, pots = self.case.scene.initial_state(), group_of(system, SpringpotLaws)
-        B = np.zeros((0, M.shape[0])) if system.contacts is None else system.contacts.rows.toarray()
-        P, orders = pots.rows.toarray(), [effect.order for effect in self.case.laws["springpot"]]
-        size = [effect.coefficient for effect in self.case.laws["springpot"]]
+        """Return times and displacements, shapes (steps + 1,) and (n, steps + 1)."""
+        (M, C, K), h, start = self.matrices, self.t_end / steps, self.scene.initial_state()
         t = h * np.arange(steps + 1)
-        back = np.arange(steps + 1, dtype=float)
-        q = np.zeros((M.shape[0], steps + 1))
-        q[:, 0], v = start.q, start.v.copy()
-        rises = np.zeros((len(size), steps + 1))
-        weights = []
-        for k, order in enumerate(orders):
-            constant = None if callable(order) else float(order)
-            weights.append((size[k], order, constant))
-
-        def share(k, i):
-            c, order, constant = weights[k]
-            a = float(order(t[i])) if constant is None else constant
-            x = back[: i + 1]
-            return c * h**-a / math.gamma(2.0 - a) * np.diff(x ** (1.0 - a))
-
-        def loads(i):
-            at = min(max(t[i], 1e-9 * h), self.case.t_end - 1e-9 * h)
-            return sum((load.vector * value(load.function, at) for load in system.loads), np.zeros(M.shape[0]))
-
-        def stop(x, w):
-            closed = [B[j] @ x > s.effect.gap for j, s in enumerate(self.stops)]
-            force, slope = np.zeros(M.shape[0]), np.zeros_like(M)
-            for j, s in enumerate(self.stops):
-                if closed[j]:
-                    offset = s.effect.gap if s.effect.acts_on == "penetration" else 0.0
-                    force += B[j] * s.force(B[j] @ x, B[j] @ w, None, 1)
-                    del offset
-                    slope += np.outer(B[j], B[j]) * (s.effect.stiffness + 2.0 / h * s.effect.damping)
-            return force, slope
-
-        a = np.linalg.solve(M, loads(0) - K @ q[:, 0] - C @ v - stop(q[:, 0], v)[0])
+        q, rates = np.zeros((M.shape[0], steps + 1)), np.zeros((len(self.pots), steps + 1))
+        q[:, 0], v, rates[:, 0] = start.q, start.v.copy(), self.rows @ start.v
+        a = self._load(0, h) - K @ q[:, 0] - C @ v - self._pushed(q[:, 0], v, h)[0]
+        for row, pot, rate in zip(self.rows, self.pots, rates[:, 0], strict=True):
+            # At order 1 a springpot is a dashpot, which acts at once.
+            if order_at(pot, 0.0) == 1.0:
+                a -= row * pot.coefficient * rate
+        a = np.linalg.solve(M, a)
         for i in range(1, steps + 1):
-            x, f = q[:, i - 1] + h * v, loads(i)
-            past, lever = np.zeros(M.shape[0]), np.zeros_like(M)
-            for k in range(len(size)):
-                w = share(k, i)
-                past += P[k] * (w[1:] @ rises[k, i - 1 : 0 : -1])
-                lever += w[0] * np.outer(P[k], P[k])
-            for _ in range(30):
+            held, lever, load = np.zeros(M.shape[0]), np.zeros_like(M), self._load(i, h)
+            for row, pot, rate in zip(self.rows, self.pots, rates, strict=True):
+                newer, older = kernel(i, h, order_at(pot, t[i]))
+                # Of the last step the newer end is unknown.
+                held += pot.coefficient * (older @ rate[i - 1 :: -1] + newer[1:] @ rate[i - 1 : 0 : -1]) * row
+                lever += pot.coefficient * newer[0] * np.outer(row, row)
+            x = q[:, i - 1] + h * v
+            for _ in range(40):
                 w = 2.0 / h * (x - q[:, i - 1]) - v
-                acc = 4.0 / h**2 * (x - q[:, i - 1] - h * v) - a
-                force, slope = stop(x, w)
-                residual = M @ acc + C @ w + K @ x + force + past + lever @ (x - q[:, i - 1]) - f
-                move = np.linalg.solve(4.0 / h**2 * M + 2.0 / h * C + K + slope + lever, residual)
+                acc = 2.0 / h * (w - v) - a
+                force, slope = self._pushed(x, w, h)
+                left = M @ acc + (C + lever) @ w + K @ x + force + held - load
+                move = np.linalg.solve(4.0 / h**2 * M + 2.0 / h * (C + lever) + K + slope, left)
                 x = x - move
-                if np.max(np.abs(move)) <= 1e-13 * (1e-6 + np.max(np.abs(x))):
+                if np.max(np.abs(move)) <= 1e-14 * (1e-6 + np.max(np.abs(x))):
                     break
-            q[:, i] = x
-            v, a = 2.0 / h * (x - q[:, i - 1]) - v, 4.0 / h**2 * (x - q[:, i - 1] - h * v) - a
-            rises[:, i] = P @ (q[:, i] - q[:, i - 1])
+            w = 2.0 / h * (x - q[:, i - 1]) - v
+            q[:, i], v, a = x, w, 2.0 / h * (w - v) - a
+            rates[:, i] = self.rows @ v
         return t, q
+
+    def _load(self, i, h):
+        """Return the loads at a step; at both ends of the run those within it."""
+        at = min(max(i * h, 1e-9 * h), self.t_end - 1e-9 * h)
+        return sum((load.vector * value(load.function, at) for load in self.system.loads), np.zeros(self.rows.shape[1]))
+
+    def _pushed(self, x, w, h):
+        """Return the force of the stops, and its slope by the displacements at the end of a step."""
+        force, slope = np.zeros(x.size), np.zeros((x.size, x.size))
+        for row, stop in zip(self.at_stops, self.stops, strict=True):
+            if row @ x > stop.effect.gap:
+                force += row * stop.force(row @ x, row @ w, None, 1)
+                slope += np.outer(row, row) * (stop.effect.stiffness + 2.0 / h * stop.effect.damping)
+        return force, slope
+
+
+def order_at(pot, t):
+    """Return the order of a springpot at a time."""
+    return float(pot.order(t)) if callable(pot.order) else float(pot.order)
+
+
+def kernel(count, h, order):
+    """Return the weights of velocities at the newer and the older ends of the last steps, each (count,), newest first.
+
+    They integrate ``t^-order/Gamma(1 - order)`` times a velocity that is linear within each step.
+    """
+    x = h * np.arange(count + 1)
+    power = np.zeros(count + 1)
+    # The integral from 0: at order 1 the kernel is an impulse at 0.
+    power[1:] = x[1:] ** (1.0 - order)
+    zeroth = np.diff(power) / math.gamma(2.0 - order)
+    first = (1.0 - order) / math.gamma(3.0 - order) * np.diff(x * power)
+    older = (first - x[:-1] * zeroth) / h
+    return zeroth - older, older

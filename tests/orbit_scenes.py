@@ -7,21 +7,21 @@ import numpy as np
 import vofem as vf
 
 
-def bilinear(omega, amplitude=1.0, gap=0.0, acts_on="penetration"):
+def bilinear(omega, amplitude=1.0, gap=0.0, acts_on="penetration", damping=0.1):
     """P1 of the reference data: one mass on a stop, load ``sin(omega t)``."""
-    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="mass")
+    mass = vf.Mass(1.0, stiffness=1.0, damping=damping, name="mass")
     stop = vf.Contact(mass, gap=gap, stiffness=8.0, side="above", acts_on=acts_on, name="stop")
     return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(amplitude, omega))])
 
 
-def nlvib_03(omega):
-    """NLvib's example 03: two masses, a stop on the first, load ``0.1 cos(omega t)`` on the second."""
+def nlvib_03(omega, amplitude=0.1, stiffness=100.0):
+    """NLvib's example 03: two masses, a stop on the first, a load ``cos(omega t)`` on the second."""
     a, b = vf.Mass(1.0, name="a"), vf.Mass(1.0, stiffness=1.0, damping=0.03, name="b")
     effects = [
         vf.Spring(a, b, stiffness=1.0),
         vf.Dashpot(a, b, damping=0.03),
-        vf.Contact(a, gap=1.0, stiffness=100.0, side="above", acts_on="penetration", name="stop"),
-        vf.PointLoad(b, vf.Sine(0.1, omega, phase=np.pi / 2)),
+        vf.Contact(a, gap=1.0, stiffness=stiffness, side="above", acts_on="penetration", name="stop"),
+        vf.PointLoad(b, vf.Sine(amplitude, omega, phase=np.pi / 2)),
     ]
     return vf.Scene([a, b], effects)
 

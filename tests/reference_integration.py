@@ -2,10 +2,11 @@
 
 It shares M, C, K, rows, load vectors and laws with the package and nothing
 else: no modes, no closed forms of responses, no bounds. Gaps are sampled at a
-small fraction of the shortest period, local maxima between samples are looked
-up, crossings are bisected. It gives up, and says until when it holds, where
-contacts graze within rounding, where events pile up, and where a budget of
-samples is spent.
+small fraction of the shortest period, and at ever shorter times after the start,
+an event and a corner of a load, where gaps may be near zero with a slope near
+zero. Local maxima between samples are looked up, crossings are bisected. It
+gives up, and says until when it holds, where contacts graze within rounding,
+where events pile up, and where a budget of samples is spent.
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ from scipy.linalg import cholesky, eigh, eigvalsh, expm, solve_triangular
 import vofem as vf
 from vofem import time_functions
 
-#: Samples per radian of the quickest motion, samples computed at once, and halvings of a step in bisection.
-DENSITY, BLOCK, HALVINGS = 20.0, 32, 44
+#: Samples per radian of the quickest motion, samples computed at once, and halvings of a step in bisection and of the
+#: first step.
+DENSITY, BLOCK, HALVINGS, SOON = 20.0, 32, 44, 20
 
 
 def value_and_slope(function, t):
@@ -203,7 +205,7 @@ class Reference:
 
     def run(self, budget=40_000, most_events=200):
         """Integrate until t_end, or until `budget` samples and `most_events` events are spent."""
-        n, outcome, t = self.n, Outcome(), 0.0
+        n, outcome, t, fresh = self.n, Outcome(), 0.0, True
         rates = np.zeros(2 * n + 1 + 2 * len(self.functions) + 2 * len(self.waves), dtype=bool)
         rates[n : 2 * n] = True
         state = np.zeros(rates.size)
@@ -222,7 +224,9 @@ class Reference:
             budget -= whole
             states = np.concatenate([scaled[None], flow.multiples[:whole] @ scaled])
             elapsed = whole * flow.step
-            crossing = self.first(flow, sign, tiny, states)
+            crossing = self.soon(flow, sign, tiny, scaled, corner - t) if fresh else None
+            if crossing is None:
+                crossing = self.first(flow, sign, tiny, states)
             if crossing is None and whole < BLOCK:
                 # The rest of a step up to a corner of a load, or to the end.
                 rest = max(corner - t - elapsed, 0.0)
@@ -239,6 +243,7 @@ class Reference:
             else:
                 t, scaled = t + elapsed + crossing[0], crossing[1]
             state = scaled * np.where(rates, flow.scale, 1.0)
+            fresh = crossing is not None or t == corner
             if crossing is not None:
                 phi, speed = self.watched(flow, sign, scaled)
                 struck = (np.abs(phi) <= np.maximum(10.0 * tiny, np.abs(speed) * 1e-12 * flow.step)) & (speed > 0)
@@ -279,6 +284,20 @@ class Reference:
                 state = ahead
                 elapsed += 0.5 ** (k + 1)
         return elapsed, state
+
+    def soon(self, flow, sign, tiny, state, limit):
+        """Return what `first` does, for times that double up to a step, or up to `limit` in s, where it is certain."""
+        begin = 0.0
+        for k in [SOON, *range(SOON, 0, -1)]:
+            length = 0.5**k
+            if (begin + length) * flow.step > limit:
+                return None
+            ahead = flow.halves[k - 1] @ state
+            found = self.first(flow, sign, tiny, np.stack([state, ahead]), length)
+            if found is not None and found != "doubtful":
+                return begin * flow.step + found[0], found[1]
+            begin, state = begin + length, ahead
+        return None
 
     def first(self, flow, sign, tiny, states, limit=1.0):
         """Return time and state of the first crossing among consecutive samples, None, or "doubtful"."""

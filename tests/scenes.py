@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -9,22 +10,31 @@ import numpy as np
 import pytest
 
 import vofem as vf
-from vofem.verification.published_data import entry as quantity
-from vofem.verification.published_data import published
+from vofem.verification.cases.published import entry as quantity
+from vofem.verification.cases.published import published
 
-__all__ = ["LAWS", "SHORT", "broken_off", "paper_beam", "published", "quantity", "reference", "two_masses"]
+__all__ = [
+    "FREE", "LAWS", "SHORT", "alone", "between_stops", "broken_off", "cantilever", "in_a_row", "on_stop", "paper_beam",
+    "published", "quantity", "reference", "two_masses",
+]  # fmt: skip
 
 DATA = Path(__file__).parent / "data"
 LAWS = ("displacement", "penetration")
 
-#: A scene file of a short run: a mass that hits a stop.
-SHORT = """
+#: Scene files of a short run: a mass that swings, and one that hits a stop.
+FREE = """
 [run]
 t_end = 6.0
 [[mass]]
 name = "ball"
 mass = 1.0
 stiffness = 1.0
+[initial]
+ball = { velocity = 1.0 }
+"""
+SHORT = (
+    FREE
+    + """
 [[contact]]
 name = "stop"
 a = "ball"
@@ -32,14 +42,48 @@ gap = 0.5
 stiffness = 10.0
 side = "above"
 acts_on = "penetration"
-[initial]
-ball = { velocity = 1.0 }
 """
+)
 
 
 def reference(name: str) -> dict[str, np.ndarray]:
     with np.load(DATA / f"{name}.npz") as file:
         return {key: file[key] for key in file.files}
+
+
+def alone(mass: vf.Mass, *effects: Any, load: Any = None, start: Any = None) -> tuple[vf.Mass, vf.Scene]:
+    """A mass and its scene: under a load, from a displacement and a velocity at the start."""
+    loads = [] if load is None else [vf.PointLoad(mass, load)]
+    return mass, vf.Scene([mass], [*effects, *loads], initial=None if start is None else {mass: start})
+
+
+def on_stop(
+    point: Any, *effects: Any, load: Any = None, start: Any = None, side: str = "above",
+    acts_on: str = "penetration", name: str = "stop", **law: Any,
+) -> tuple[Any, vf.Scene]:  # fmt: skip
+    """A mass, or a point of a beam, before a stop, and its scene; as `alone` otherwise."""
+    stop = vf.Contact(point, side=side, acts_on=acts_on, name=name, **law)
+    loads = [] if load is None else [vf.PointLoad(point, load)]
+    scene = vf.Scene([point.body], [stop, *effects, *loads], initial=None if start is None else {point.body: start})
+    return point, scene
+
+
+def between_stops(
+    point: Any, *effects: Any, load: Any = None, start: Any = None, acts_on: str = "penetration", **law: Any
+) -> tuple[Any, vf.Scene]:
+    """A mass, or a point of a beam, between the stops "above" and "below", and its scene."""
+    below = vf.Contact(point, side="below", acts_on=acts_on, name="below", **law)
+    return on_stop(point, below, *effects, load=load, start=start, acts_on=acts_on, name="above", **law)
+
+
+def in_a_row(bodies: Any, **law: Any) -> list[vf.Contact]:
+    """Contacts between neighbours under the penetration law, unless another one is given."""
+    return [vf.Contact(a, b, **({"acts_on": "penetration"} | law)) for a, b in pairwise(bodies)]
+
+
+def cantilever(elements: Any = 4, **more: Any) -> vf.Beam:
+    """A beam of length, bending stiffness and mass per length one, clamped on the left."""
+    return vf.Beam(1.0, 1.0, 1.0, elements, {"left": "clamped"}, **more)
 
 
 def paper_beam(
@@ -53,7 +97,7 @@ def paper_beam(
     contact: bool = True,
 ) -> tuple[vf.Beam, vf.Scene]:
     """The paper's cantilever (section 4.2) with its stop below the tip."""
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=elements, supports={"left": "clamped"}, name="beam")
+    beam = cantilever(elements, name="beam")
     tip = beam.at(1.0)
     effects: list[Any] = [vf.PointLoad(tip, vf.Sine(0.1, 1.0) if load is None else load), *extra]
     if contact:

@@ -48,6 +48,20 @@ def shifted(x):
     return x + OFFSET
 
 
+def shifted_square(x):
+    return square(x + 1)
+
+
+def square_on_a_full_disk(x, limited):
+    """Limit the size of files at one point, once: to less than the rows take, more than what SQLite writes first."""
+    if x == 2000 and not Path(limited).exists():
+        import resource
+
+        Path(limited).touch()
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2**14, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
+    return square(x)
+
+
 def slow_square(x, folder, seconds):
     Path(folder, f"{x}-{os.getpid()}-{time.monotonic_ns()}").touch()
     time.sleep(seconds)

@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from scenes import alone, on_stop
 
 import vofem as vf
 
@@ -66,9 +67,8 @@ def test_contact_under_an_approximated_load():
     """Events as with the closed form."""
 
     def run(f):
-        mass = vf.Mass(1.0, stiffness=1.0)
-        stop = vf.Contact(mass, gap=0.2, stiffness=50.0, side="above", acts_on="penetration", name="stop")
-        result = vf.simulate(vf.Scene([mass], [stop, vf.PointLoad(mass, f)]), 10.0)
+        _, scene = on_stop(vf.Mass(1.0, stiffness=1.0), gap=0.2, stiffness=50.0, load=f)
+        result = vf.simulate(scene, 10.0)
         return result.solution.events.time
 
     exact = run(vf.Sine(0.5, 0.7) + vf.Pulse(0.2, 1.0, 2.0))
@@ -109,8 +109,7 @@ def test_what_is_refused():
 
 
 def test_a_scene_file_refuses_it(tmp_path):
-    mass = vf.Mass(1.0, name="m")
-    scene = vf.Scene([mass], [vf.PointLoad(mass, vf.Approximated(np.sin, 1.0, 1e-6))])
+    _, scene = alone(vf.Mass(1.0, name="m"), load=vf.Approximated(np.sin, 1.0, 1e-6))
     with pytest.raises(vf.SceneFileError, match=r"Approximated\(.* is a callable, which a scene file cannot hold"):
         vf.dump_scene(scene, tmp_path / "scene.toml")
 

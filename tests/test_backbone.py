@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from orbit_scenes import bilinear, nlvib_03
 from reference_integration import Reference
-from scenes import reference
+from scenes import cantilever, on_stop, reference
 
 import vofem as vf
 
@@ -43,9 +43,7 @@ def test_backbones_of_two_masses(gap, mode):
 
 
 def bilinear_mass(gap, stop, stiffness=1.0):
-    mass = vf.Mass(1.0, stiffness=stiffness)
-    contact = vf.Contact(mass, gap=gap, stiffness=stop, side="above", acts_on="penetration")
-    return vf.Scene([mass], [contact])
+    return on_stop(vf.Mass(1.0, stiffness=stiffness), gap=gap, stiffness=stop)[1]
 
 
 def test_a_bilinear_oscillator_without_gap():
@@ -104,7 +102,7 @@ def test_a_level_that_is_not_reached():
 
 
 def test_an_oscillation_of_a_beam_conserves_and_returns():
-    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="beam")
+    beam = cantilever(4, name="beam")
     tip = beam.at(1.0)
     scene = vf.Scene([beam], [vf.Contact(tip, gap=0.01, stiffness=5.0, side="below", acts_on="penetration")])
     branch = vf.backbone(scene, 1, [2e-4, 1e-3])
@@ -150,9 +148,7 @@ def test_exponents_on_a_stable_orbit_are_those_of_its_multipliers():
 @pytest.mark.kernels("compiled")
 def test_a_chaotic_oscillator_has_a_positive_exponent():
     """A hard stop between windows of periodic motion: two stretches of one motion agree, and nearby runs part."""
-    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1)
-    stop = vf.Contact(mass, gap=0.0, stiffness=100.0, side="above", acts_on="penetration")
-    scene = vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, 2.8))])
+    mass, scene = on_stop(vf.Mass(1.0, stiffness=1.0, damping=0.1), gap=0.0, stiffness=100.0, load=vf.Sine(1.0, 2.8))
     found = vf.lyapunov(scene, 1500.0, skip=300.0)
     assert found.exponents[0] - 4.0 * found.error[0] > 0.0
     other = vf.lyapunov(scene, 2700.0, skip=1500.0)

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from scenes import paper_beam
+from scenes import on_stop, paper_beam
 
 import vofem as vf
 
@@ -207,19 +207,24 @@ def test_an_unsupported_body_has_no_equilibrium():
         vf.equilibrium(vf.Scene([free], [vf.Gravity(-2.0), *two]))
 
 
-def bad_at_three(t):
-    return NAN if t >= 3.0 else 0.1
-
-
-@pytest.mark.kernels("compiled")
 def test_load_function_that_returns_nan():
-    vf.simulate(paper_beam("penetration", load=lambda t: 0.1)[1], 1e-3)  # compiles
-    _, s = paper_beam("penetration", load=bad_at_three)
-    start = time.process_time()
+    """It is found in the values that the steps need, without many more calls."""
+    calls = []
+
+    def fine(t):
+        calls.append(t)
+        return 0.1
+
+    def bad_at_three(t):
+        calls.append(t)
+        return NAN if t >= 3.0 else 0.1
+
+    vf.simulate(paper_beam("penetration", load=fine)[1], 5.0, dt=5e-3)
+    known = len(calls)
     with pytest.raises(vf.LoadError, match=r"'bad_at_three' returned nan at t = 3") as caught:
-        vf.simulate(s, 5.0, dt=5e-5)
+        vf.simulate(paper_beam("penetration", load=bad_at_three)[1], 5.0, dt=5e-3)
     assert "division by zero" in str(caught.value)
-    assert time.process_time() - start < 2.0
+    assert len(calls) - known < 1.1 * known
     _, s = paper_beam("penetration", load=lambda t: "much")
     with pytest.raises(vf.LoadError, match="expected a number"):
         vf.simulate(s, 1e-2, dt=1e-5)
@@ -234,9 +239,7 @@ def test_step_beyond_the_critical_one():
 
 
 def test_the_critical_step_counts_closed_contacts():
-    m = vf.Mass(1.0, stiffness=1.0)
-    stop = vf.Contact(m, gap=1.0, stiffness=1e4, side="above", acts_on="penetration")
-    s = vf.Scene([m], [stop])
+    _, s = on_stop(vf.Mass(1.0, stiffness=1.0), gap=1.0, stiffness=1e4)
     with pytest.raises(vf.StepSizeError, match=r"0\.02 s"):
         vf.simulate(s, 1.0, method="central_difference", dt=0.0201)
     vf.simulate(s, 1.0, method="central_difference", dt=0.0199)
@@ -278,9 +281,7 @@ def test_names_in_results():
 
 
 def test_many_events_end_with_a_typed_error():
-    m = vf.Mass(1.0, stiffness=1.0)
-    stop = vf.Contact(m, gap=0.0, stiffness=1e4, side="above", acts_on="penetration", name="stop")
-    s = vf.Scene([m], [stop], initial={m: (-1.0, 0.0)})
+    _, s = on_stop(vf.Mass(1.0, stiffness=1.0), gap=0.0, stiffness=1e4, start=(-1.0, 0.0))
     with pytest.raises(vf.EventStormError, match=r"more than 5 contact events .* 'stop'"):
         vf.simulate(s, 100.0, max_events=5)
 

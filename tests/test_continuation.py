@@ -12,7 +12,7 @@ from decimal import Decimal
 import numpy as np
 import pytest
 from orbit_scenes import bilinear, impact_oscillator, nlvib_03, state_at_cosine
-from scenes import DATA
+from scenes import DATA, between_stops
 from scipy.integrate import solve_ivp
 
 import vofem as vf
@@ -111,11 +111,7 @@ def test_a_branch_of_doubled_orbits_ends_at_its_flip():
 
 def between_two_stops(omega):
     mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="mass")
-    stops = [
-        vf.Contact(mass, gap=0.5, stiffness=20.0, side=side, acts_on="penetration", name=side)
-        for side in ("above", "below")
-    ]
-    return vf.Scene([mass], [*stops, vf.PointLoad(mass, vf.Sine(0.8, omega))])
+    return between_stops(mass, load=vf.Sine(0.8, omega), gap=0.5, stiffness=20.0)[1]
 
 
 def test_symmetry_breaks_at_a_branch_point():
@@ -144,12 +140,7 @@ def test_symmetry_breaks_at_a_branch_point():
 
 
 def with_damping(damping):
-    def build(omega):
-        mass = vf.Mass(1.0, stiffness=1.0, damping=damping, name="mass")
-        stop = vf.Contact(mass, gap=0.0, stiffness=8.0, side="above", acts_on="penetration", name="stop")
-        return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, omega))])
-
-    return build
+    return lambda omega: bilinear(omega, damping=damping)
 
 
 @pytest.mark.parametrize(("damping", "apart"), [(1.2276, 1.3e-2), (1.2276185, 5.4e-4), (1.227618531355, 5.5e-6)])
@@ -439,3 +430,23 @@ def test_an_undamped_linear_mass_has_no_special_points():
     branch = vf.continuation(lambda w: vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(0.1, w))]), 0.3, 0.8)
     assert branch.values[-1] == 0.8
     assert not branch.special
+
+
+def test_pairs_that_meet_on_the_unit_circle_without_damping():
+    """Two pairs of multipliers meet on the unit circle and leave it; the others stay on it all along the branch."""
+
+    def build(omega, *others):
+        beam = vf.Beam(1.0, EI=1.0, rhoA=1.0, elements=5, supports={"left": "clamped"}, name="beam")
+        stop = vf.Contact(beam.at(1.0), gap=0.02, stiffness=50.0, side="below", acts_on="penetration", name="stop")
+        return vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), vf.Sine(0.02, omega)), *others])
+
+    start = vf.periodic(build(2.884, vf.ModalDamping(0.02)))
+    branch = vf.continuation(build, 2.884, 2.8875, guess=start)
+    met = [special for special in branch.special if special.kind == "neimark_sacker"]
+    assert [special.value for special in met] == pytest.approx([2.885190539], abs=1e-8)
+    size = np.abs(met[0].orbit.multipliers)
+    assert [size.min(), size.max()] == pytest.approx([1.0, 1.0], abs=1e-5)
+    # Before it all lie on the circle, beyond it two pairs do not.
+    leading = [np.abs(orbit.multipliers).max() for orbit in branch.orbits]
+    assert leading[0] == pytest.approx(1.0, abs=1e-8)
+    assert leading[-1] > 1.01

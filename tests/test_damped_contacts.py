@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import cantilever
 from scipy.linalg import eigh
 
 import vofem as vf
@@ -89,7 +90,7 @@ def test_a_tube_between_damped_stops_balances_its_energy():
 
 def test_energy_taken_where_a_block_is_resonant_or_critically_damped():
     """Integration by parts against fine panels; the load is close to a mode, and one mode is nearly critical."""
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=8, supports={"left": "clamped"}, name="beam")
+    beam = cantilever(8, name="beam")
     omega = np.sqrt(vf.modes(vf.Scene([beam]), 6).frequencies * 2.0 * np.pi) ** 2
     # Rayleigh damping 2 omega = a1 omega^2 is critical at 2 / a1.
     effects = [
@@ -110,3 +111,23 @@ def test_energy_taken_where_a_block_is_resonant_or_critically_damped():
     power = np.sum(motion.v * (damping @ motion.v), axis=0).reshape(-1, 8)
     taken = result.solution.energies(np.array([0.5])).dissipated
     assert taken == pytest.approx([np.sum(0.5 * width * power * weights)], rel=1e-9)
+
+
+@pytest.mark.kernels("plain")
+@pytest.mark.parametrize("method", ["central_difference", "energy_conserving", "generalized_alpha"])
+def test_steps_are_of_second_order_where_a_damper_begins_to_act(method):
+    """The damper's force jumps at closings. Where it acts for whole steps, the order is one."""
+    mass = vf.Mass(1.0, stiffness=4.0, name="mass")
+    stop = vf.Contact(mass, gap=0.1, stiffness=400.0, damping=6.0, side="above", acts_on="penetration", name="stop")
+    scene, times = vf.Scene([mass], [stop], {mass: (0.0, 1.0)}), np.linspace(0.0, 6.0, 61)
+    right = vf.simulate(scene, 6.0, times=times)
+    assert right.contacts["stop"].closings.size == 3
+    counts = np.array([[400, 437, 471, 513, 547], [1600, 1671, 1713, 1747, 1801]])
+    errors = np.empty(counts.shape)
+    for place, count in np.ndenumerate(counts):
+        run = vf.simulate(scene, 6.0, method=method, dt=6.0 / count, times=times)
+        errors[place] = np.abs(run.displacement(mass) - right.displacement(mass)).max()
+    # Errors depend on where in a step a contact closes, so some steps of about one size are taken together.
+    order = -np.diff(np.mean(np.log(errors), axis=1)) / np.diff(np.mean(np.log(counts), axis=1))
+    assert 1.4 < float(order[0]) < 2.4
+    assert errors[1].max() < 1e-3

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from scenes import cantilever, on_stop
 from scipy.optimize import brentq
 
 import vofem as vf
@@ -13,9 +12,8 @@ import vofem as vf
 
 @pytest.mark.parametrize("eps", [1e-3, 1e-6, 1e-9])
 def test_a_near_miss_is_no_event(eps):
-    mass = vf.Mass(1.0, stiffness=1.0)
-    stop = vf.Contact(mass, gap=1.0 + eps, stiffness=1.0, side="above", acts_on="penetration")
-    result = vf.simulate(vf.Scene([mass], [stop], initial={mass: (0.0, 1.0)}), 20.0 * np.pi)
+    _, scene = on_stop(vf.Mass(1.0, stiffness=1.0), gap=1.0 + eps, stiffness=1.0, start=(0.0, 1.0))
+    result = vf.simulate(scene, 20.0 * np.pi)
     assert result.counters.events == 0
     assert result.counters.gap_evaluations < 3000
 
@@ -68,7 +66,7 @@ def test_grazing_of_overdamped_motions(exact, stiffness, load, speed, bracket, e
 @pytest.mark.parametrize("side", ["below", "above"])
 def test_a_heavily_damped_beam_that_starts_at_its_stop(side):
     """Its fast modes are overdamped, up to rates of 1e8 1/s, and decay at 100 1/s after that."""
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=50, supports={"left": "clamped"})
+    beam = cantilever(50)
     tip = beam.at(1.0)
     stop = vf.Contact(tip, gap=0.0, stiffness=100.0, side=side, acts_on="penetration")
     scene = vf.Scene([beam], [stop, vf.RayleighDamping(0.0, 1e-2), vf.PointLoad(tip, vf.Sine(1.0, 5.0))])
@@ -95,22 +93,6 @@ def test_two_crossings_of_a_fast_mode_on_a_slow_one():
     assert events.size >= 4
 
 
-def test_simultaneous_events_are_one():
-    """A symmetric beam meets two stops at once, and stays symmetric to rounding."""
-    beam = vf.Beam(1.0, 1.0, 1.0, 8, {0.5: "clamped"})
-    stops = [
-        vf.Contact(beam.at(x), gap=0.01, stiffness=20.0, side="below", acts_on="penetration", name=name)
-        for x, name in ((0.0, "left"), (1.0, "right"))
-    ]
-    loads = [vf.PointLoad(beam.at(x), vf.Sine(-0.2, 3.0)) for x in (0.0, 1.0)]
-    result = vf.simulate(vf.Scene([beam], [*stops, *loads]), 10.0)
-    left, right = result.contacts["left"], result.contacts["right"]
-    assert left.closings.size >= 2
-    assert np.array_equal(left.closings, right.closings)
-    assert np.array_equal(left.openings, right.openings)
-    assert result.counters.steps <= result.counters.events // 2 + 2
-
-
 def test_corners_of_loads_are_segments_not_events():
     mass = vf.Mass(1.0, stiffness=1.0)
     table = vf.Tabulated([0.0, 1.0, 2.0, 3.0], [0.0, 1.0, 0.5, 0.0])
@@ -123,40 +105,11 @@ def test_corners_of_loads_are_segments_not_events():
 def test_start_in_contact():
     """s > 0 is closed; s = 0 is closed where it moves in; both count from t = 0."""
     for displacement, velocity, closed in ((0.2, 0.0, True), (0.1, 1.0, True), (0.1, -1.0, False), (0.0, 0.0, False)):
-        mass = vf.Mass(1.0)
-        stop = vf.Contact(mass, gap=0.1, stiffness=1.0, side="above", acts_on="penetration", name="stop")
-        result = vf.simulate(vf.Scene([mass], [stop], initial={mass: (displacement, velocity)}), 0.1)
+        _, scene = on_stop(vf.Mass(1.0), gap=0.1, stiffness=1.0, start=(displacement, velocity))
+        result = vf.simulate(scene, 0.1)
         history = result.contacts["stop"]
         assert history.closed[0] == closed
         assert (history.closings.size == 1 and history.closings[0] == 0.0) == closed
-
-
-def test_preloaded_contact():
-    """A negative gap is a preload: static offset and vibration of the sum of both springs."""
-    mass = vf.Mass(1.0, stiffness=3.0)
-    stop = vf.Contact(mass, gap=-0.5, stiffness=6.0, side="above", acts_on="penetration", name="stop")
-    scene = vf.Scene([mass], [stop])
-    assert vf.equilibrium(scene).displacement(mass) == pytest.approx(-1.0 / 3.0, rel=1e-14)
-    result = vf.simulate(scene, 5.0)
-    assert result.contacts["stop"].openings.size > 0
-    t = result.times[result.times < result.contacts["stop"].openings[0]]
-    expected = -(1.0 - np.cos(3.0 * t)) / 3.0
-    assert result.displacement(mass)[: t.size] == pytest.approx(expected, abs=1e-13)
-
-
-@settings(max_examples=20)
-@given(
-    k1=st.floats(0.1, 100.0), k2=st.floats(0.1, 100.0), acts_on=st.sampled_from(["displacement", "penetration"]),
-    speed=st.floats(0.5, 2.0),
-)  # fmt: skip
-def test_parallel_contacts_add(k1, k2, acts_on, speed):
-    """Eq. 14: two contacts side by side equal one of their summed stiffness."""
-    outcomes = []
-    for stiffnesses in ((k1, k2), (k1 + k2,)):
-        mass = vf.Mass(1.0, stiffness=1.0)
-        stops = [vf.Contact(mass, gap=0.3, stiffness=k, side="above", acts_on=acts_on) for k in stiffnesses]
-        outcomes.append(vf.simulate(vf.Scene([mass], stops, {mass: (0.0, speed)}), 6.0).displacement(mass))
-    assert np.max(np.abs(outcomes[0] - outcomes[1])) < 1e-12 * np.max(np.abs(outcomes[1]))
 
 
 def test_free_chain_keeps_its_momentum():

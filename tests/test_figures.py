@@ -11,7 +11,7 @@ import pytest
 from matplotlib import pyplot
 from matplotlib.figure import Figure
 from orbit_scenes import impact_oscillator
-from scenes import paper_beam
+from scenes import on_stop, paper_beam
 
 import vofem as vf
 from vofem.io import plot
@@ -165,9 +165,8 @@ def test_the_envelope_of_a_long_history_encloses_it():
     assert middle.size == 400
     assert np.all(np.abs(high[40:] / middle[40:] - 1.0) < 0.02)
     assert np.all(np.abs(low[40:] / middle[40:] + 1.0) < 0.02)
-    mass = vf.Mass(1.0, stiffness=1.0, name="m")
-    stop = vf.Contact(mass, gap=0.5, stiffness=10.0, side="above", acts_on="penetration", name="stop")
-    result = vf.simulate(vf.Scene([mass], [stop], {mass: (0.0, 1.0)}), 2000.0)
+    mass, scene = on_stop(vf.Mass(1.0, stiffness=1.0, name="m"), gap=0.5, stiffness=10.0, start=(0.0, 1.0))
+    result = vf.simulate(scene, 2000.0)
     upper, lower = plot.time_history(result, mass)
     assert upper.collections
     assert lower.get_ylabel() == "closed share [-]"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scenes import on_stop
 
 import vofem as vf
 from vofem.integrators.event_driven.flow import Start, flow, modes_of
@@ -202,9 +203,8 @@ def test_a_rigid_motion_is_followed():
 
 
 def test_a_flow_may_begin_at_any_time_of_the_loads():
-    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1)
-    contact = vf.Contact(mass, gap=0.1, stiffness=8.0, side="above", acts_on="penetration")
-    system = vf.Scene([mass], [contact, vf.PointLoad(mass, vf.Sine(1.0, 1.3))]).model.system
+    _, scene = on_stop(vf.Mass(1.0, stiffness=1.0, damping=0.1), gap=0.1, stiffness=8.0, load=vf.Sine(1.0, 1.3))
+    system = scene.model.system
     state = np.array([-0.3, 0.2])
     middle, _ = end_of(system, state, 3.1)
     end, _ = end_of(system, middle, 9.0, 3.1)

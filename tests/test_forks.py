@@ -8,6 +8,7 @@ import threading
 import time
 
 import pytest
+from scenes import on_stop
 
 import vofem as vf
 from vofem.locks import Lock
@@ -16,9 +17,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has
 
 
 def histories():
-    mass = vf.Mass(1.0, stiffness=1.0)
-    stop = vf.Contact(mass, gap=0.5, stiffness=30.0, side="above", acts_on="penetration", name="stop")
-    scene = vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, 0.8))])
+    mass, scene = on_stop(vf.Mass(1.0, stiffness=1.0), gap=0.5, stiffness=30.0, load=vf.Sine(1.0, 0.8))
     result = vf.simulate(scene, 5.0, compiled=False)
     return result.displacement(mass)[-1], result.contacts["stop"].force[-1]
 
@@ -83,6 +82,26 @@ def test_locks_that_another_thread_holds_are_open_in_a_child():
     finally:
         over.set()
         thread.join()
+
+
+def test_a_fork_waits_for_an_import_of_another_thread(tmp_path, monkeypatch):
+    """In the child nobody would end the import, and the next one of the same module would wait for good."""
+    (tmp_path / "slow_to_import.py").write_text("import time\ntime.sleep(0.5)\nvalue = 0\n")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def begin():
+        import slow_to_import  # noqa: F401
+
+    def enter():
+        from slow_to_import import value
+
+        return value
+
+    thread = threading.Thread(target=begin)
+    thread.start()
+    time.sleep(0.1)
+    assert in_child(enter, 10.0) == 0
+    thread.join()
 
 
 def test_a_fork_waits_for_a_compilation_of_another_thread():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import alone, cantilever
 from scipy.sparse import diags
 
 import vofem as vf
@@ -29,7 +30,7 @@ def direct(scene, omega, point, closed=(), springpots=()):
 
 
 def beam_with_everything():
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=10, supports={"left": "clamped"})
+    beam = cantilever(10)
     mass = vf.Mass(0.3, stiffness=2.0, damping=0.05)
     effects = [
         vf.PointLoad(beam.at(0.63), vf.Sine(0.2, omega=1.0)),
@@ -79,7 +80,7 @@ def receptance(omega):
 
 @pytest.mark.parametrize(("elements", "tolerance"), [(50, 2e-4), (2000, 1e-10)])
 def test_cantilever_in_closed_form(elements, tolerance):
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=elements, supports={"left": "clamped"})
+    beam = cantilever(elements)
     scene = vf.Scene([beam], [vf.PointLoad(beam.at(1.0), vf.Sine(0.3, omega=2.0))])
     frequencies = np.array([0.2, 1.0, 5.0, 12.3, 30.0])
     response = vf.frequency_response(scene, frequencies)
@@ -146,8 +147,7 @@ def test_what_has_no_response_is_refused():
 
 
 def test_stroboscopic_samples_are_those_of_the_motion():
-    mass = vf.Mass(1.0, stiffness=1.0, damping=0.4)
-    scene = vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, omega=2.0))])
+    mass, scene = alone(vf.Mass(1.0, stiffness=1.0, damping=0.4), load=vf.Sine(1.0, omega=2.0))
     run = vf.simulate(scene, 200.0, times=[0.0, 200.0])
     section = vf.poincare(run, np.pi, phase=1.0, skip=50)
     response = vf.frequency_response(scene, [1.0 / np.pi]).displacement(mass)[0]
@@ -158,8 +158,7 @@ def test_stroboscopic_samples_are_those_of_the_motion():
 
 
 def test_samples_count_the_time_of_the_loads():
-    mass = vf.Mass(1.0, stiffness=1.0)
-    scene = vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, omega=2.0))])
+    _, scene = alone(vf.Mass(1.0, stiffness=1.0), load=vf.Sine(1.0, omega=2.0))
     run = vf.simulate(scene, 10.0, t_start=1.0)
     np.testing.assert_allclose(vf.poincare(run, 4.0).times + 1.0, [4.0, 8.0])
     np.testing.assert_allclose(vf.poincare(run, 4.0, phase=-np.pi).times + 1.0, [2.0, 6.0, 10.0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import LAWS, paper_beam, reference, two_masses
+from scenes import alone, on_stop, two_masses
 
 import vofem as vf
 from vofem.integrators.stepping.methods import parameters
@@ -26,8 +26,7 @@ def test_parameters_of_chung_and_hulbert():
 def test_dissipation_grows_with_the_step_and_follows_rho():
     """At infinite frequency a step multiplies by rho; at small steps hardly anything is lost."""
     for rho in (0.0, 0.5, 0.8):
-        mass = vf.Mass(1.0, stiffness=1.0)
-        scene = vf.Scene([mass], initial={mass: (1.0, 0.0)})
+        mass, scene = alone(vf.Mass(1.0, stiffness=1.0), start=(1.0, 0.0))
         fast = vf.simulate(scene, 200e3, dt=1e3, rho_infinity=rho, **METHOD)
         # A double root at infinity: rho^n times a line in n, after an overshoot of (omega dt)^2.
         size = np.abs(fast.displacement(mass))
@@ -40,12 +39,9 @@ def test_dissipation_grows_with_the_step_and_follows_rho():
 
 
 def test_order_two_for_smooth_scenes_and_penetration():
-    mass = vf.Mass(1.0, stiffness=4.0, damping=0.3)
-    scene = vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, 1.3))], initial={mass: (0.2, -1.0)})
+    mass, scene = alone(vf.Mass(1.0, stiffness=4.0, damping=0.3), load=vf.Sine(1.0, 1.3), start=(0.2, -1.0))
     first, _, contact = two_masses("c", "penetration")
-    damped = vf.Mass(1.0)
-    stop = vf.Contact(damped, gap=0.05, stiffness=100.0, damping=4.0, side="above", acts_on="penetration")
-    impact = vf.Scene([damped], [stop], {damped: (0.0, 1.0)})
+    damped, impact = on_stop(vf.Mass(1.0), gap=0.05, stiffness=100.0, damping=4.0, start=(0.0, 1.0))
     cases = ((scene, mass, 10.0, 0.04), (contact, first, 40.0, 0.01), (impact, damped, 0.2, 2e-3))
     for options in ({}, {"rho_infinity": 0.3}, {"alpha_m": 0.0, "alpha_f": 0.0}):
         for case, point, t_end, dt in cases:
@@ -57,20 +53,10 @@ def test_order_two_for_smooth_scenes_and_penetration():
             assert 1.8 < np.mean(found) < 2.2, (options, errors)
 
 
-@pytest.mark.parametrize("law", LAWS)
-def test_paper_beam_against_independent_history(law):
-    data = reference(f"beam_tip_{law}")
-    beam, scene = paper_beam(law)
-    result = vf.simulate(scene, 20.0, dt=5e-4, times=data["t"], **METHOD)
-    assert np.max(np.abs(result.displacement(beam.at(1.0)) - data["tip"])) < (2e-6 if law == "penetration" else 2e-4)
-
-
 @pytest.mark.parametrize("rho", [1.0, 0.8])
 def test_energy_grows_at_a_stiff_contact_and_the_run_stops(rho):
     """What energy_conserving holds to 1e-11 (its tests): here a typed error that names it."""
-    mass = vf.Mass(1.0, stiffness=1.0)
-    stop = vf.Contact(mass, gap=0.3, stiffness=1e4, side="above", acts_on="penetration")
-    scene = vf.Scene([mass], [stop], initial={mass: (0.0, 1.0)})
+    _, scene = on_stop(vf.Mass(1.0, stiffness=1.0), gap=0.3, stiffness=1e4, start=(0.0, 1.0))
     for phase in (1.0, 5.0):
         with pytest.raises(vf.InstabilityError, match=r"blew up before t = .*method='energy_conserving'"):
             vf.simulate(scene, 1e6 * phase / 1e2, dt=phase / 1e2, rho_infinity=rho, times=[0.0], **METHOD)

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import random
 import re
-import sys
-import traceback
 
 import numpy as np
 import pytest
+from campaigns import campaign
 from hunt_reference import HuntReference, SpringpotReference
 from hunt_scenes import case as random_case
 from hunt_scenes import decades
+from scenes import cantilever
 
 import vofem as vf
 
@@ -33,7 +33,7 @@ ACCURATE = 0.02
 
 #: Errors of beams at a stop by a given step, of the largest displacement: above the first there is a note, and below
 #: the second there is none on errors of steps.
-UNTOLD, NO_ALARM = 0.2, 0.005
+UNTOLD, NO_ALARM = 0.1, 0.005
 
 
 def fault(case, budget=3_000):
@@ -47,7 +47,7 @@ def fault(case, budget=3_000):
         return None
     times, got = result.times, result.samples.q
     if case.laws["springpot"]:
-        reference = SpringpotReference(case)
+        reference = SpringpotReference(case.scene, case.t_end)
         (coarse_t, coarse), (fine_t, fine) = reference.run(1000), reference.run(2000)
         size = float(np.max(np.abs(fine)))
         doubt = np.max(np.abs(coarse - fine[:, ::2]), axis=0)
@@ -88,7 +88,8 @@ def fault(case, budget=3_000):
     return f"{said}, omega dt {omega * dt:.1e}, notes {told}"
 
 
-@pytest.mark.parametrize("seed", range(14))
+# In 3041 the damper of a stop begins to act within a step.
+@pytest.mark.parametrize("seed", [*range(14), 3041])
 def test_right_or_told(seed):
     case = random_case(random.Random(seed))
     assert fault(case, budget=600) is None, " | ".join(case.words)
@@ -97,7 +98,7 @@ def test_right_or_told(seed):
 def beam_at_a_stop(rng):
     """Return a scene whose stop excites modes that are quicker than the load, its tip, and how it is run."""
     elements, gap = rng.randint(2, 6), decades(rng, -3, -1.3)
-    beam = vf.Beam(1.0, 1.0, 1.0, elements, {"left": "clamped"}, name="beam")
+    beam = cantilever(elements, name="beam")
     tip = beam.at(1.0)
     stop = vf.Contact(tip, gap=gap, stiffness=decades(rng, 1, 3), side=rng.choice(["above", "below"]),
                       acts_on="penetration", name="stop")  # fmt: skip
@@ -119,7 +120,7 @@ def fault_at_a_stop(rng):
     result = vf.simulate(scene, t_end, method=method, dt=dt, times=times)
     error = float(np.abs(result.displacement(tip) - right).max() / np.abs(right).max())
     told = [note for note in result.notes if not INFORMS.match(note)]
-    drift = [note for note in told if "add up to" in note]
+    drift = [note for note in told if "add up to" in note or "lead to another motion" in note]
     said = f"{method} dt {dt:.2g} until {t_end:.3g} s: error {error:.2g}, notes {told}"
     wrong = (error > UNTOLD and not told) or (error < NO_ALARM and bool(drift))
     return said if wrong else None
@@ -130,21 +131,15 @@ def test_a_beam_at_a_stop_by_a_given_step(seed):
     assert fault_at_a_stop(random.Random(seed)) is None
 
 
-def campaign(first, last):
-    """Print the faults of the seeds from `first` to below `last`."""
-    for seed in range(first, last):
-        print(f"\r{seed}", end="", file=sys.stderr, flush=True)
-        case = None
-        if found := fault_at_a_stop(random.Random(seed)):
-            print(seed, "beam at a stop", found, sep="\n    ", flush=True)
-        try:
-            case = random_case(random.Random(seed))
-            found = fault(case)
-        except Exception:
-            found = traceback.format_exc(limit=-3)
-        if found:
-            print(seed, "" if case is None else " | ".join(case.words), found, sep="\n    ", flush=True)
+def fault_of_seed(seed):
+    case = random_case(random.Random(seed))
+    found = fault(case)
+    return found and f"{' | '.join(case.words)}\n    {found}"
+
+
+def fault_of_seed_at_a_stop(seed):
+    return fault_at_a_stop(random.Random(seed))
 
 
 if __name__ == "__main__":
-    campaign(int(sys.argv[1]), int(sys.argv[2]))
+    campaign(fault_of_seed, fault_of_seed_at_a_stop)

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scenes import paper_beam
+from scenes import cantilever, on_stop, paper_beam
 
 import vofem as vf
 
@@ -206,9 +206,8 @@ def test_few_stored_times_give_the_reason_instead_of_numbers():
 
 
 def test_a_contact_that_starts_closed_did_not_approach():
-    mass = vf.Mass(1.0, stiffness=1.0, name="m")
-    stop = vf.Contact(mass, gap=0.1, stiffness=10.0, side="above", acts_on="penetration", name="stop")
-    impacts = vf.simulate(vf.Scene([mass], [stop], {mass: (0.3, 0.0)}), 1.0).contacts["stop"].impacts
+    _, scene = on_stop(vf.Mass(1.0, stiffness=1.0, name="m"), gap=0.1, stiffness=10.0, start=(0.3, 0.0))
+    impacts = vf.simulate(scene, 1.0).contacts["stop"].impacts
     assert impacts.closing[0] == 0.0
     assert np.isnan(impacts.approach_speed[0])
     assert impacts.departure_speed[0] > 0.0
@@ -283,7 +282,7 @@ def test_rotations_have_their_own_units():
 
 def _rattling(case):
     """Modes without damping, each with its own, driven by ramps, free as a whole, or against a stiff stop."""
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=5, supports={"left": "clamped"})
+    beam = cantilever(5)
     tip = beam.at(1.0)
     law, stiffness, load, more = "displacement", 1.0, vf.Sine(0.1, 1.0), []
     if case == "damped":

@@ -1,4 +1,4 @@
-"""The window with a slider, a snapshot without a window, and all frames of a run as meshes of pyvista."""
+"""The window with a slider, a snapshot without a window, and frames of a run as meshes of pyvista."""
 
 import os
 import subprocess
@@ -7,11 +7,12 @@ import sys
 import matplotlib.image
 import numpy as np
 import pytest
+import pyvista
 from scenes import paper_beam
 
 import vofem as vf
 from vofem.io import show, snapshot, vtk
-from vofem.io.interactive import plotter_of
+from vofem.io.space import plotter_of
 
 pytestmark = pytest.mark.kernels("plain")
 
@@ -100,46 +101,42 @@ def test_without_a_graphics_driver_a_snapshot_is_refused_and_says_what_to_instal
     assert "libegl1" in run.stdout or (tmp_path / "m.png").exists()
 
 
-def test_all_frames_of_a_run_its_file_and_its_series_are_the_same(run, tmp_path):
+def test_a_frame_its_series_and_its_file_are_the_same(run, tmp_path):
     beam, result = run
-    result.save(tmp_path / "run.vtkhdf", magnification=3.0)
-    vtk.write_series(result, tmp_path / "run.pvd", magnification=3.0)
-    found = [
-        vtk.frames(result, magnification=3.0),
-        vtk.frames(tmp_path / "run.vtkhdf"),
-        vtk.frames(tmp_path / "run.pvd"),
-    ]
-    for frames in found:
-        assert frames.magnification == 3.0
-        assert np.array_equal(frames.times, result.times)
-        assert len(frames) == len(frames[:]) == 13
-        for k in (0, 5, -1):
-            assert np.allclose(frames[k].points, found[0][k].points, atol=1e-12)
-            assert np.allclose(frames[k].point_data["eta"], found[0][k].point_data["eta"], atol=1e-14)
-        tip = int(np.nanargmax(frames[5].point_data["x"]))
-        assert frames[5].points[tip, 1] == pytest.approx(3.0 * result.displacement(beam.at(1.0))[5])
+    frame = result.frame(1.25, magnification=3.0)
+    assert (frame.field_data["TimeValue"][0], frame.field_data["magnification"][0]) == (1.25, 3.0)
+    moved = frame.warp_by_vector("deflection", factor=3.0)
+    tip = int(np.nanargmax(frame.point_data["x"]))
+    assert moved.points[tip, 1] == pytest.approx(3.0 * result.displacement(beam.at(1.0), [1.25])[0])
+    vtk.write_series(result, tmp_path / "run.pvd", [1.25], magnification=3.0)
+    series = pyvista.read(tmp_path / "run-frames" / "frame-000000.vtu")
+    result.save(tmp_path / "run.vtkhdf", frames=[1.25], magnification=3.0)
+    for other in (series, pyvista.read(tmp_path / "run.vtkhdf"), vf.load(tmp_path / "run.vtkhdf").frame(1.25)):
+        for name in frame.point_data:
+            np.testing.assert_allclose(other.point_data[name], frame.point_data[name], rtol=1e-12, atol=1e-14)
+        for name in frame.cell_data:
+            np.testing.assert_array_equal(other.cell_data[name], frame.cell_data[name])
 
 
 def test_a_magnified_run_meets_its_stop_where_the_contact_closes(run, tmp_path):
     """What ParaView shows: points at rest, moved by deflection times the magnification that the file was saved with."""
-    beam, result = run
-    contact = result.contacts["stop"]
-    instant = float(contact.closings[0])
-    result.save(tmp_path / "run.vtkhdf", magnification=3.0, frames=[0.0, instant])
-    mesh = vtk.frames(tmp_path / "run.vtkhdf")[1]
+    _, result = run
+    instant = float(result.contacts["stop"].closings[0])
+    result.save(tmp_path / "run.vtkhdf", magnification=3.0, frames=[instant])
+    mesh = pyvista.read(tmp_path / "run.vtkhdf").warp_by_vector("deflection", factor=3.0)
     (line,) = np.flatnonzero(mesh.cell_data["kind"] == 2)
     ends = mesh.get_cell(int(line)).points[:, 1]
     assert abs(ends[0] - ends[1]) < 1e-9
-    loaded = vf.load(tmp_path / "run.vtkhdf")
-    assert np.array_equal(loaded.displacement(beam.at(1.0)), result.displacement(beam.at(1.0)))
 
 
-def test_frames_of_something_else_are_refused(run, tmp_path):
-    with pytest.raises(vf.StorageError, match="does not exist"):
-        vtk.frames(tmp_path / "no.vtkhdf")
-    with pytest.raises(vf.ArgumentError, match="source is 3"):
-        vtk.frames(3)
-    with pytest.raises(vf.ArgumentError, match="times belong to a Result"):
-        vtk.frames(tmp_path / "no.vtkhdf", [0.0])
+def test_frames_outside_of_the_run_are_refused(run, tmp_path):
+    for arguments, words in (
+        ({"t": 3.5}, "t is 3.5 s, expected a time of the run, 0 to 3 s"),
+        ({"t": "now"}, "t is 'now'"),
+        ({"t": 1.0, "magnification": 0.0}, "magnification"),
+        ({"t": 1.0, "points_per_element": 1}, "expected 2 to 1000"),
+    ):
+        with pytest.raises(vf.ArgumentError, match=words):
+            run[1].frame(**arguments)
     with pytest.raises(vf.ArgumentError, match="magnification"):
         run[1].save(tmp_path / "run.vtkhdf", magnification=0.0)

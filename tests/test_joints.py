@@ -316,14 +316,15 @@ def test_a_saved_run_and_a_scene_file(tmp_path):
 def test_pictures_show_joined_beams_at_one_place(tmp_path):
     from vofem.io.pictures.layout import arrange
     from vofem.io.pictures.snapshot import snapshot
-    from vofem.io.series.placement import place
 
     a, b, hinge = gerber()
     run = vf.simulate(vf.Scene([a, b], [hinge, *stops(b.at(0.2))]), 1.0, times=np.linspace(0.0, 1.0, 11))
     layout = arrange(snapshot(run, 0.5), (1600, 700), None)
     assert layout.lanes[a].axis == layout.lanes[b].axis
     assert_allclose(layout.along(a, 1.0), layout.along(b, 0.0), rtol=1e-12)
-    assert_allclose(place(run.scene, 1.0).origins[b], [1.0, 0.0, 0.0], rtol=0.0, atol=1e-15)
+    frame = run.frame(0.5)
+    of_b = np.unique(frame.extract_cells((frame["body"] == 1) & (frame["kind"] == 0))["vtkOriginalPointIds"])
+    assert_allclose(frame.points[of_b[0]], [1.0, 0.0, 0.0], rtol=0.0, atol=1e-15)
     from vofem.io.render import render
 
     assert render(run, 0.5, tmp_path / "side.png").stat().st_size > 5000

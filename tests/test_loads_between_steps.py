@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import alone
 from scipy.integrate import quad
 
 import vofem as vf
@@ -72,8 +73,7 @@ def response(times, impulse, at):
 @pytest.mark.parametrize("width", [1e-4, 1e-3])
 @pytest.mark.parametrize("options", [{}, {"dt": 0.01}, {"dt": 0.03}])
 def test_no_pulse_is_passed_over(method, width, options):
-    m = vf.Mass(1.0, 4.0)
-    scene = vf.Scene([m], [vf.PointLoad(m, vf.Pulse(1.0 / width, 5.0123, width))])
+    m, scene = alone(vf.Mass(1.0, 4.0), load=vf.Pulse(1.0 / width, 5.0123, width))
     result = vf.simulate(scene, 10.0, method=method, **options)
     expected = response(result.times, 1.0, 5.0123 + 0.5 * width)
     assert np.max(np.abs(result.displacement(m) - expected)) < 0.02 * 0.5
@@ -95,8 +95,7 @@ def test_a_sine_faster_than_the_steps_does_not_meet_the_resonance(method):
 @pytest.mark.parametrize("tol", [1e-3, 1e-5])
 @pytest.mark.parametrize("stiffness", [4.0, 0.0])
 def test_a_tolerance_holds_across_a_pulse_also_between_steps(tol, stiffness):
-    m = vf.Mass(1.0, stiffness)
-    scene = vf.Scene([m], [vf.PointLoad(m, vf.Pulse(1000.0, 5.0123, 1e-3))])
+    m, scene = alone(vf.Mass(1.0, stiffness), load=vf.Pulse(1000.0, 5.0123, 1e-3))
     result = vf.simulate(scene, 10.0, method="energy_conserving", tol=tol)
     t = result.times
     late = np.clip(t - 5.0123, 0.0, 1e-3)
@@ -134,8 +133,7 @@ def test_a_tolerance_holds_under_a_sine_whose_phase_the_steps_might_follow():
 
 
 def test_work_of_a_short_load_balances_the_energy():
-    m = vf.Mass(1.0, 4.0)
-    scene = vf.Scene([m], [vf.PointLoad(m, vf.Pulse(1000.0, 5.0123, 1e-3))])
+    _, scene = alone(vf.Mass(1.0, 4.0), load=vf.Pulse(1000.0, 5.0123, 1e-3))
     for method, bound in (("energy_conserving", 1e-12), ("central_difference", 1e-12)):
         assert vf.simulate(scene, 10.0, method=method, dt=0.01).energy.balance_error < bound
 
@@ -155,8 +153,7 @@ def test_a_callable_is_looked_at_within_steps_and_a_note_says_how_often():
 def test_approximated_finds_a_short_feature_and_tells_what_it_may_miss():
     f = vf.Approximated(lambda t: np.exp(-(((t - 5.0123) / 2e-3) ** 2)), 10.0, 1e-6)
     assert float(f(5.0123)) == pytest.approx(1.0, abs=1e-5)
-    m = vf.Mass(1.0, 4.0)
-    scene = vf.Scene([m], [vf.PointLoad(m, f)])
+    _, scene = alone(vf.Mass(1.0, 4.0), load=f)
     for method in ("energy_conserving", "event_driven"):
         notes = vf.simulate(scene, 10.0, method=method).notes
         assert any("load" in note and "0.00122 s apart" in note and "may be missed" in note for note in notes)
@@ -176,8 +173,7 @@ def test_a_frequency_in_hertz():
 
 
 def test_what_was_given_in_hertz_stays_in_hertz(tmp_path):
-    m = vf.Mass(1.0, 100.0, damping=0.4, name="m")
-    scene = vf.Scene([m], [vf.PointLoad(m, vf.Sine(1.0, frequency=1.5))])
+    m, scene = alone(vf.Mass(1.0, 100.0, damping=0.4, name="m"), load=vf.Sine(1.0, frequency=1.5))
     vf.dump_scene(scene, tmp_path / "scene.toml")
     assert "frequency = 1.5" in (tmp_path / "scene.toml").read_text()
     for one in (scene, vf.load_scene(tmp_path / "scene.toml").scene):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from orbit_scenes import bilinear, nlvib_03
+from scenes import cantilever
 
 import vofem as vf
 from vofem.errors import ArgumentError, MethodError
@@ -11,21 +13,7 @@ from vofem.io import plot
 
 
 def damped(omega, damping):
-    mass = vf.Mass(1.0, stiffness=1.0, damping=damping, name="mass")
-    stop = vf.Contact(mass, gap=0.0, stiffness=8.0, side="above", acts_on="penetration", name="stop")
-    return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, omega))])
-
-
-def two_masses(omega, amplitude):
-    """NLvib's example 03 with the amplitude of the load as a second parameter."""
-    a, b = vf.Mass(1.0, name="a"), vf.Mass(1.0, stiffness=1.0, damping=0.03, name="b")
-    effects = [
-        vf.Spring(a, b, stiffness=1.0),
-        vf.Dashpot(a, b, damping=0.03),
-        vf.Contact(a, gap=1.0, stiffness=100.0, side="above", acts_on="penetration", name="stop"),
-        vf.PointLoad(b, vf.Sine(amplitude, omega, phase=np.pi / 2)),
-    ]
-    return vf.Scene([a, b], effects)
+    return bilinear(omega, damping=damping)
 
 
 def between_stops(omega, amplitude, gap=0.5):
@@ -42,7 +30,7 @@ def between_stops(omega, amplitude, gap=0.5):
 @pytest.fixture(scope="module")
 def branches():
     """Return the branches of the two masses for two amplitudes of the load."""
-    return [vf.continuation(lambda omega, a=a: two_masses(omega, a), 0.8, 0.5) for a in (0.1, 0.105)]
+    return [vf.continuation(lambda omega, a=a: nlvib_03(omega, a), 0.8, 0.5) for a in (0.1, 0.105)]
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +65,7 @@ def test_a_locus_leads_to_the_special_point_of_another_branch(branches, index, k
     first, second = branches
     special = first.special[index]
     assert special.kind == kind
-    found = vf.locus(two_masses, special, 0.1, 0.105)
+    found = vf.locus(nlvib_03, special, 0.1, 0.105)
     assert found.contact == special.contact
     value, other = found.values[-1]
     assert other == 0.105
@@ -87,8 +75,8 @@ def test_a_locus_leads_to_the_special_point_of_another_branch(branches, index, k
 def test_loci_of_folds_and_flips_meet_at_one_point(branches):
     """Where both multipliers lie on the circle, the point is on either curve."""
     fold, flip = branches[0].special[2:4]
-    (at_fold,) = vf.locus(two_masses, fold, 0.1, 0.105).special
-    (at_flip,) = vf.locus(two_masses, flip, 0.1, 0.105).special
+    (at_fold,) = vf.locus(nlvib_03, fold, 0.1, 0.105).special
+    (at_flip,) = vf.locus(nlvib_03, flip, 0.1, 0.105).special
     assert (at_fold.kind, at_flip.kind) == ("period_doubling", "fold")
     assert (at_fold.value, at_fold.other) == pytest.approx((at_flip.value, at_flip.other), abs=1e-10)
     multipliers = at_fold.orbit.multipliers
@@ -97,7 +85,7 @@ def test_loci_of_folds_and_flips_meet_at_one_point(branches):
 
 def test_two_folds_meet_at_a_cusp():
     """A softly limited beam has no folds below the cusp, two close ones above, and the locus has its tip there."""
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=2, supports={"left": "clamped"}, name="beam")
+    beam = cantilever(2, name="beam")
     tip = beam.at(1.0)
     rest = [
         vf.Contact(tip, gap=0.005, stiffness=5.0, side="below", acts_on="penetration", name="stop"),
@@ -138,7 +126,7 @@ def test_branch_points_of_a_symmetric_scene():
 
 def test_a_grazing_by_its_closed_form(branches):
     """The linear response reaches the stop: amplitude times compliance equals the gap, along the whole curve."""
-    found = vf.locus(two_masses, branches[0].special[0], 0.1, 0.3)
+    found = vf.locus(nlvib_03, branches[0].special[0], 0.1, 0.3)
     for omega, amplitude in found.values:
         stiffness = np.array([[1.0, -1.0], [-1.0, 2.0]])
         damping = 0.03 * stiffness
@@ -198,14 +186,14 @@ def test_bad_arguments(flips, branches):
         ((damped, flip, 1.2, 1.2), "both 1.2"),
         ((damped, flip, 1.2, "far"), "stop"),
         ((damped, flip, 1.21, 1.3), "as start the value of the other parameter"),
-        ((two_masses, flip, 1.2, 1.3), "degrees of freedom|bod"),
+        ((nlvib_03, flip, 1.2, 1.3), "degrees of freedom|bod"),
         ((lambda value, other: None, flip, 1.2, 1.3), r"build\(3.56647, 1.2\) returned None"),
     ]:
         with pytest.raises(ArgumentError, match=message):
             vf.locus(*arguments)
     special = branches[0].special[0]
     with pytest.raises(ArgumentError, match="'none'"):
-        vf.locus(two_masses, vf.SpecialPoint("grazing", special.value, special.orbit, "none"), 0.1, 0.2)
+        vf.locus(nlvib_03, vf.SpecialPoint("grazing", special.value, special.orbit, "none"), 0.1, 0.2)
     with pytest.raises(ArgumentError, match="no complex multipliers"):
         vf.locus(damped, vf.SpecialPoint("neimark_sacker", flip.value, flip.orbit), 1.2, 1.3)
     orbit = vf.periodic(damped(3.0, 1.2), method="harmonic_balance", harmonics=5)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import alone, on_stop
 
 import vofem as vf
 from vofem.integrators.event_driven.search import EVALUATION_WORK, SEARCH_WORK
@@ -11,9 +12,7 @@ from vofem.integrators.event_driven.search import EVALUATION_WORK, SEARCH_WORK
 
 def bouncing(drop=0.05):
     """A mass that bounces on a stop under gravity."""
-    ball = vf.Mass(1.0)
-    stop = vf.Contact(ball, gap=0.0, stiffness=1e6, side="below", acts_on="penetration", name="stop")
-    return ball, vf.Scene([ball], [stop, vf.Gravity(10.0)], initial={ball: (drop, 0.0)})
+    return on_stop(vf.Mass(1.0), vf.Gravity(10.0), gap=0.0, stiffness=1e6, side="below", start=(drop, 0.0))
 
 
 def test_energy_over_a_hundred_thousand_events():
@@ -44,8 +43,7 @@ def test_work_adds_up_over_many_bounces():
 def test_tables_of_many_knots():
     """A table of 10 000 knots: a segment each, at a constant cost."""
     t = np.linspace(0.0, 20.0, 10_001)
-    mass = vf.Mass(1.0, stiffness=4.0)
-    scene = vf.Scene([mass], [vf.PointLoad(mass, vf.Tabulated(t, np.sin(t)))])
+    mass, scene = alone(vf.Mass(1.0, stiffness=4.0), load=vf.Tabulated(t, np.sin(t)))
     result = vf.simulate(scene, 20.0, times=[0.0, 7.0, 20.0])
     assert result.counters.steps == 10_000
     exact = (np.sin(result.times) - 0.5 * np.sin(2.0 * result.times)) / 3.0
@@ -94,9 +92,7 @@ def test_a_field_on_one_element_between_two_supports():
 
 def test_a_segment_ends_after_bounded_work():
     """A mass that swings beside a stop for long: the search returns from time to time, so that Ctrl-C is heard."""
-    mass = vf.Mass(1.0, stiffness=4e4)
-    stop = vf.Contact(mass, gap=0.5, stiffness=1.0, side="above", acts_on="penetration")
-    scene = vf.Scene([mass], [stop], initial={mass: (0.0, 90.0)})
+    mass, scene = on_stop(vf.Mass(1.0, stiffness=4e4), gap=0.5, stiffness=1.0, start=(0.0, 90.0))
     result = vf.simulate(scene, 60.0, times=np.linspace(0.0, 60.0, 7), compiled=False)
     each = SEARCH_WORK // (1 + EVALUATION_WORK)
     assert result.counters.events == 0

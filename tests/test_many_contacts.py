@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import on_stop
 
 import vofem as vf
 from vofem.integrators.stepping import run as module
@@ -108,9 +109,8 @@ def test_memory_grows_with_the_number_of_contacts_not_with_its_square():
 
 def test_the_energy_of_a_jump_is_that_of_its_force():
     """The force of stepping methods rises over 1e-12 of the gap; its potential is compared with a quadrature."""
-    mass = vf.Mass(1.0, name="m")
-    contact = vf.Contact(mass, gap=0.25, side="above", stiffness=1e9, acts_on="displacement")
-    laws = vf.Scene([mass], [contact]).model.system.contacts
+    _, scene = on_stop(vf.Mass(1.0, name="m"), gap=0.25, stiffness=1e9, acts_on="displacement")
+    laws = scene.model.system.contacts
     # Places that are numbers of double precision, from 0 to four widths of the ramp.
     s = np.arange(0, 19_000, 10) * np.spacing(0.25)
     force = np.where(s < 0.25e-12, 1e9 * (0.25 + 0.25e-12) * s / 0.25e-12, 1e9 * (0.25 + s))

@@ -8,6 +8,7 @@ from importlib import import_module
 
 import numpy as np
 import pytest
+from scenes import on_stop
 
 import vofem as vf
 from vofem.cli import main
@@ -118,8 +119,7 @@ def test_auto_and_explain_take_a_method_of_ones_own_by_its_rank():
         told = vf.explain(scene)
         assert (told.method, told.why) == ("runge_kutta", "it is the dearest")
         assert vf.simulate(scene, 1.0).method == "runge_kutta"
-        mass = vf.Mass(1.0)
-        bumped = vf.Scene([mass], [vf.Contact(mass, gap=0.1, stiffness=1.0, acts_on="penetration", side="above")])
+        _, bumped = on_stop(vf.Mass(1.0), gap=0.1, stiffness=1.0)
         assert vf.explain(bumped).method == "event_driven"
     finally:
         unregister("runge_kutta")

@@ -42,7 +42,9 @@ def glowing(frame):
     return int(np.sum(np.all(np.abs(frame - GLOW) < 8, axis=-1)))
 
 
-@pytest.mark.parametrize(("view", "suffix"), [("side", "gif"), ("side", "webp"), ("history", "gif"), ("phase", "webp")])
+@pytest.mark.parametrize(
+    ("view", "suffix"), [("side", "gif"), ("side", "webp"), ("history", "gif"), ("phase", "webp"), ("space", "webp")]
+)
 def test_a_movie_has_as_many_different_frames_as_asked_for(run, view, suffix, tmp_path):
     _, result = run
     outcome = animate(result, tmp_path / f"m.{suffix}", view, frames=9, fps=20.0, **SMALL)

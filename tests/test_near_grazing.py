@@ -9,28 +9,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from orbit_scenes import nlvib_03
 from populations import away
+from scenes import cantilever
 from scipy.interpolate import CubicHermiteSpline
 
 import vofem as vf
 
 
-def on_a_stop(omega, stiffness):
-    """NLvib's example 03 on a stop of any stiffness; without a stop for 0."""
-    a, b = vf.Mass(1.0, name="a"), vf.Mass(1.0, stiffness=1.0, damping=0.03, name="b")
-    effects = [
-        vf.Spring(a, b, stiffness=1.0),
-        vf.Dashpot(a, b, damping=0.03),
-        vf.PointLoad(b, vf.Sine(0.1, omega, phase=np.pi / 2)),
-    ]
-    if stiffness > 0.0:
-        effects.append(vf.Contact(a, gap=1.0, stiffness=stiffness, side="above", acts_on="penetration", name="stop"))
-    return vf.Scene([a, b], effects)
-
-
 def followed(stiffness, start, stop):
+    scene = nlvib_03(start)
+    free = vf.Scene(scene.bodies, [effect for effect in scene.effects if effect not in scene.contacts])
     branch = vf.continuation(
-        lambda omega: on_a_stop(omega, stiffness), start, stop, guess=vf.periodic(on_a_stop(start, 0.0)), max_points=28
+        lambda omega: nlvib_03(omega, stiffness=stiffness), start, stop, guess=vf.periodic(free), max_points=28
     )
     first = branch.special[0]
     assert first.kind == "grazing"
@@ -72,7 +63,7 @@ def test_a_pair_leaves_the_unit_circle_and_becomes_real_within_one_step():
 
 def test_orbits_that_do_not_repeat_are_not_on_a_branch():
     """Two touches that merge: coordinates at an event that ignore other events near it follow orbits that are none."""
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=2, supports={"left": "clamped"}, name="beam")
+    beam = cantilever(2, name="beam")
     point = beam.at(0.6)
     rest = [
         vf.Contact(point, gap=0.00525, stiffness=43000.0, side="above", acts_on="penetration", name="stop"),
@@ -93,3 +84,20 @@ def test_orbits_that_do_not_repeat_are_not_on_a_branch():
     assert len(branch) > 10
     assert max(away(orbit) for orbit in branch.orbits) < 1e-8
     assert max(away(special.orbit) for special in branch.special) < 1e-8
+
+
+@pytest.mark.parametrize("share", [0.99, 0.9999, 1.0 - 1e-7])
+@pytest.mark.parametrize("ends", [(0.5, 1.7), (1.7, 0.5)])
+def test_a_touch_that_begins_and_ends_within_one_step(share, ends):
+    """The linear response of a mass reaches the gap near its peak alone, between two values in closed form."""
+    damping = 0.1
+    # Frequencies at which 1 / |1 - w^2 + 2 i damping w| is the gap.
+    peak = 0.5 / (damping * np.sqrt(1.0 - damping**2))
+    middle, half = 1.0 - 2.0 * damping**2, np.sqrt((1.0 - 2.0 * damping**2) ** 2 - 1.0 + 1.0 / (share * peak) ** 2)
+    expected = np.sqrt([middle - half, middle + half])
+    mass = vf.Mass(1.0, stiffness=1.0, damping=2.0 * damping, name="mass")
+    stop = vf.Contact(mass, gap=share * peak, stiffness=10.0, side="above", acts_on="penetration", name="stop")
+    branch = vf.continuation(lambda w: vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, w))]), *ends)
+    found = [special.value for special in branch.special if special.kind == "grazing"]
+    assert sorted(found) == pytest.approx(expected, abs=1e-9)
+    assert branch.values[-1] == ends[1]

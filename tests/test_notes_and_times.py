@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import alone, cantilever
 
 import vofem as vf
 from vofem.integrators.stepping.checks import check_times
@@ -35,12 +36,12 @@ def driven():
 
 
 def fine_beam():
-    beam = vf.Beam(1.0, 1.0, 1.0, 4000, {"left": "clamped"}, name="b")
+    beam = cantilever(4000, name="b")
     return vf.Scene([beam], [vf.PointLoad(beam.at(1.0), 1.0)])
 
 
 def stiff_tip():
-    beam = vf.Beam(1.0, 1.0, 1.0, 25, {"left": "clamped"}, name="b")
+    beam = cantilever(25, name="b")
     tip = vf.Contact(beam.at(1.0), gap=0.03, stiffness=1e7, side="below", acts_on="penetration", name="stop")
     return vf.Scene([beam], [tip])
 
@@ -92,8 +93,7 @@ def test_notes_are_the_same_whatever_times_are_wanted(case):
 
 def test_one_step_is_far_from_right():
     """0.044 m instead of 0.178: a mass of 1 kg on a spring of 20 N/m, pushed with 2 N for a second."""
-    mass = vf.Mass(1.0, stiffness=4.0)
-    scene = vf.Scene([mass], [vf.PointLoad(mass, 1.0)])
+    mass, scene = alone(vf.Mass(1.0, stiffness=4.0), load=1.0)
     result = vf.simulate(scene, 3.0, method="energy_conserving", dt=3.0)
     exact = 0.25 * (1.0 - np.cos(6.0))
     assert abs(result.displacement(mass)[-1] - exact) > 0.5 * exact

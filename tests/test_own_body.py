@@ -6,11 +6,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 import vofem as vf
-from vofem.bodies import BaseBody, Body, BodyMatrices, DegreesOfFreedom, Shape
+from vofem.bodies import Body, BodyMatrices, DegreesOfFreedom, Shape
 from vofem.errors import ArgumentError, MissingCallableError
 
 
-class AxialBar(BaseBody):
+class AxialBar(Body):
     """A bar of linear elements, held at its left end, that moves along its axis."""
 
     def __init__(self, length, EA, rhoA, elements, name):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import paper_beam
+from scenes import cantilever, paper_beam
 
 import vofem as vf
 
@@ -103,7 +103,7 @@ def test_undamped_beam_on_a_stiff_stop_finishes(stiffness):
 
 def test_several_contacts_in_any_mix():
     """Two stops under a damped beam: pinned, open and closed side by side."""
-    beam = vf.Beam(1.0, 1.0, 1.0, 8, {"left": "clamped"})
+    beam = cantilever(8)
     stops = [
         vf.Contact(beam.at(x), gap=g, stiffness=k, side="below", acts_on="displacement", name=f"s{i}")
         for i, (x, g, k) in enumerate(((0.5, 0.01, 20.0), (0.75, 0.02, 5.0), (1.0, 0.03, 4.0)))
@@ -132,3 +132,16 @@ def test_a_pinned_equilibrium_starts_pinned():
     assert stop.force == pytest.approx(np.full(1001, rest.contacts["stop"].force), rel=1e-6)
     assert result.counters.events == 0
     assert not result.notes
+
+
+def test_the_only_motion_that_there_is_may_be_pinned_beside_a_damper():
+    """Nothing moves then, and the damper of the pad takes nothing."""
+    mass = vf.Mass(1.0, stiffness=1.0, name="mass")
+    stop = vf.Contact(mass, gap=0.1, stiffness=100.0, side="above", acts_on="displacement", name="stop")
+    pad = {"gap": 0.05, "stiffness": 1.0, "damping": 20.0, "side": "above", "acts_on": "penetration", "name": "pad"}
+    scene = vf.Scene([mass], [stop, vf.Contact(mass, **pad), vf.PointLoad(mass, 5.0)])
+    result = vf.simulate(scene, 4.0, times=[3.0, 4.0])
+    np.testing.assert_allclose(result.displacement(mass), 0.1, rtol=1e-12)
+    # 5 N less 0.1 N of the spring and 0.05 N of the pad.
+    np.testing.assert_allclose(result.contacts["stop"].force, 4.85, rtol=1e-9)
+    assert result.contacts["stop"].pinned[-1, 1] == 4.0

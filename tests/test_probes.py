@@ -5,7 +5,7 @@ import csv
 import h5py
 import numpy as np
 import pytest
-from scenes import broken_off
+from scenes import alone, broken_off, cantilever
 
 import vofem as vf
 from vofem.io.csv_file import write_probes
@@ -17,7 +17,7 @@ T_END, DT = 0.5, 1e-4
 
 
 def beam_on_stop():
-    beam = vf.Beam(1.0, 1.0, 1.0, 5, {"left": "clamped"}, name="beam")
+    beam = cantilever(5, name="beam")
     tip = beam.at(1.0)
     stop = vf.Contact(tip, gap=0.01, stiffness=10.0, side="below", acts_on="penetration", name="stop")
     return vf.Scene([beam], [stop, vf.PointLoad(tip, vf.Sine(-0.5, 6.0))]), beam
@@ -49,8 +49,7 @@ def test_every_step_is_recorded_beside_few_states(method):
 
 
 def test_more_steps_than_a_tap_holds():
-    mass = vf.Mass(1.0, stiffness=4.0, name="m")
-    scene = vf.Scene([mass], initial={mass: (1.0, 0.0)})
+    mass, scene = alone(vf.Mass(1.0, stiffness=4.0, name="m"), start=(1.0, 0.0))
     result = vf.simulate(scene, 50.0, method="energy_conserving", dt=1e-3, times=[50.0], probes=[mass])
     probe = result.probes[mass]
     assert probe.times.size == 50_001
@@ -74,8 +73,7 @@ def test_steps_that_follow_a_tolerance_are_recorded_at_their_own_times():
 
 
 def test_a_step_beyond_the_end_is_left_out():
-    mass = vf.Mass(1.0, name="m")
-    scene = vf.Scene([mass], initial={mass: (0.0, 1.0)})
+    mass, scene = alone(vf.Mass(1.0, name="m"), start=(0.0, 1.0))
     for method in STEPPING:
         result = vf.simulate(scene, 1.0, method=method, dt=0.3, times=[1.0], probes=[mass])
         np.testing.assert_allclose(result.probes["m"].times, [0.0, 0.3, 0.6, 0.9], rtol=1e-15)
@@ -118,7 +116,7 @@ def test_a_resumed_run_has_one_record(method, tmp_path):
 
 
 def test_memory_grows_with_the_points_only():
-    beam = vf.Beam(1.0, 1.0, 1.0, 50, {"left": "clamped"}, name="beam")
+    beam = cantilever(50, name="beam")
     scene = vf.Scene([beam], [vf.PointLoad(beam.at(1.0), 1.0)])
     result = vf.simulate(scene, 2.0, method="generalized_alpha", dt=1e-3, times=[0.0, 1.0, 2.0], probes=[beam.at(1.0)])
     record = result.recorded
@@ -188,8 +186,7 @@ def test_a_run_without_record_has_no_csv_of_it(tmp_path):
 
 @pytest.mark.parametrize("method", STEPPING)
 def test_between_steps_all_is_of_second_order(method):
-    mass = vf.Mass(1.0, stiffness=4.0, name="m")
-    scene = vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, 3.0))])
+    mass, scene = alone(vf.Mass(1.0, stiffness=4.0, name="m"), load=vf.Sine(1.0, 3.0))
     t = np.sqrt(np.linspace(0.1, 3.9, 57))
     exact = vf.simulate(scene, 2.0, times=t)
     errors = []

@@ -6,11 +6,10 @@
 from __future__ import annotations
 
 import random
-import sys
-import traceback
 
 import numpy as np
 import pytest
+from campaigns import campaign
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from random_scenes import scene as random_scene
@@ -52,11 +51,12 @@ def faults(scene, t_end, budget=40_000):
         if np.any(contact.force[~contact.closed & ~np.isnan(contact.order)] != 0.0):
             found.append(f"force of {contact.name} while open")
         size = (abs(laws.rows) @ largest)[law] + abs(laws.gap[law])
-        if not laws.damping[law] and np.min(contact.force) < -1e-12 * size * laws.stiffness[law]:
+        # Where the rest moves quickly, a slow motion is known to the rounding of that only.
+        rounding = 1e-13 * t_end * np.max(np.abs(result.samples.v))
+        if not laws.damping[law] and np.min(contact.force) < -(1e-12 * size + rounding) * laws.stiffness[law]:
             found.append(f"force of {contact.name} is {np.min(contact.force):.1e}")
         wrong = np.where(contact.closed, -contact.gap_function, contact.gap_function)[~np.isnan(contact.order)]
-        # Where the rest moves quickly, a slow motion is known to the rounding of that only.
-        if wrong.size and np.max(wrong) > 1e-11 * size + 1e-13 * t_end * np.max(np.abs(result.samples.v)):
+        if wrong.size and np.max(wrong) > 1e-11 * size + rounding:
             found.append(f"gap of {contact.name} by {np.max(wrong) / size:.1e}")
     reference = Reference(scene, t_end).run(budget=budget)
     # Rounding of both runs, amplified: M^-1 K alone spoils the velocity by eps omega^2 q a step.
@@ -67,8 +67,13 @@ def faults(scene, t_end, budget=40_000):
     if np.any(kept):
         times = np.array(reference.times)[kept]
         # Many of these times are events, where velocities may change by all of their size within 1e-6 s. So a value
-        # counts as right if the run takes it within a small uncertainty of the time.
-        around = [result.solution.sample(np.clip(times + s, 0.0, t_end)) for s in (-1e-10 * t_end, 0.0, 1e-10 * t_end)]
+        # counts as right if the run takes it within a small uncertainty of the time: where a contact closes slowly,
+        # that is the time in which it moves by rounding.
+        doubt = np.full(times.size, 1e-10 * t_end)
+        for event in reference.events:
+            moved = 1e-10 * (np.sum(np.abs(laws.rows[event.contact]) @ largest) + abs(laws.gap[event.contact]))
+            doubt[times == event.time] += moved / event.rate
+        around = [result.solution.sample(np.clip(times + s * doubt, 0.0, t_end)) for s in (-1.0, 0.0, 1.0)]
         swing = largest.max() + 1e-30
         for name, got, exact, size in (
             ("displacement", [s.q for s in around], reference.q, swing),
@@ -81,18 +86,23 @@ def faults(scene, t_end, budget=40_000):
             worst = max(np.max(np.min(got, axis=0) - exact), np.max(exact - np.max(got, axis=0))) / size
             if worst > 1e-6:
                 found.append(f"{name} off by {worst:.1e}")
+    fast = np.max(np.abs(result.samples.v), axis=1)
     for j, name in enumerate(() if laws is None else laws.names):
         contact = result.contacts[name]
         ours = np.sort(np.concatenate([contact.closings[contact.closings > 0], contact.openings]))
-        # Events at a speed that is rounding are no matter: their forces are too.
-        fastest = (abs(laws.rows) @ np.max(np.abs(result.samples.v), axis=1))[j] + 1e-300
+        # Events at a speed that is rounding are no matter, also of what moves more quickly: their forces are too.
+        fastest = max((abs(laws.rows) @ fast)[j], np.max(fast)) + 1e-300
         speeds = np.abs((laws.rows @ result.solution.sample(ours).v)[j]) if ours.size else ours
         theirs = [event for event in reference.events if event.contact == j and event.rate > 1e-11 * fastest]
         size = np.max(np.abs(result.samples.q)) + abs(laws.gap[j])
         slack = [1e-8 * t_end + 1e-9 * size / max(event.rate, 1e-300) for event in theirs]
         # From rest at the gap a contact closes without speed; the reference sees it later, at some speed.
         met = [np.any(np.abs(time - np.array([e.time for e in theirs])) <= np.array(slack)) for time in ours]
-        ours = ours[(speeds > 1e-11 * fastest) | np.array(met, dtype=bool)]
+        matters = speeds > 1e-11 * fastest
+        # Neither are a closing and an opening between which the contact moves by rounding.
+        brief = np.flatnonzero(np.diff(ours) * np.maximum(speeds[1:], speeds[:-1]) <= 1e-15 * size)
+        matters[brief] = matters[brief + 1] = False
+        ours = ours[matters | np.array(met, dtype=bool)]
         clear = [event.time for event, s in zip(theirs, slack, strict=True) if event.time + s < limit]
         count = int(np.sum(ours < limit))
         if len(clear) > count or int(np.sum(ours < limit - max(slack, default=0.0) - 1e-8 * t_end)) > len(theirs):
@@ -119,13 +129,18 @@ def test_random_scenes_against_an_independent_integration(seed):
 # jumping force in the rounding of its gap (101344, 100844), energy lost in pinning (100601), many events (5772), and
 # openings of a contact between two points of a beam that drifts on dashpots, all missed: 4e-13 m deep they were taken
 # for rounding of the drift (300139). A mode whose decay rate is rounding, beside what a damper takes from it (34).
-# A load that begins to grow on bodies at rest that touch, whose search did not end (9300146).
-# Of the reference: a soft mode that it took for a rigid motion (7000545), and a closing from rest (7000465).
+# A load that begins to grow on bodies at rest that touch, whose search did not end (9300146). A mass that was pinned
+# beside a damper, when no motion is left (20003579).
+# Of the reference: a soft mode that it took for a rigid motion (7000545), and a closing from rest (7000465); a contact
+# that closed again soon after it had opened (20000033), and one that closed from rest and opened (20000564).
+# Of the comparison: velocities at an impact whose time is uncertain (20000103), and a contact that closed and opened
+# within 3e-17 m (20001422), and a slow motion beside a mass that is thrown (20002741).
 @pytest.mark.parametrize(
     "seed",
     [
         5772, 6317, 1500, 100536, 101044, 100559, 101131, 100065, 100898, 101378, 100283, 101344, 100844, 100601,
-        300139, 34, 9300146, 7000545, 7000465,
+        300139, 34, 9300146, 20003579, 7000545, 7000465, 20000033, 20000564, 20000103, 20001422,
+        20002741,
     ],
 )  # fmt: skip
 def test_scenes_that_once_went_wrong(seed):
@@ -133,17 +148,5 @@ def test_scenes_that_once_went_wrong(seed):
     assert not faults(scene, t_end, budget=8_000), vf.explain(scene)
 
 
-def campaign(first, last):
-    for seed in range(first, last):
-        try:
-            found = faults(*random_scene(random.Random(seed)))
-        except vf.SingularSystemError as error:
-            found = [f"refused: {error}"]
-        except Exception:
-            found = [traceback.format_exc(limit=-3)]
-        if found:
-            print(seed, *found, sep="\n    ", flush=True)
-
-
 if __name__ == "__main__":
-    campaign(int(sys.argv[1]), int(sys.argv[2]))
+    campaign(lambda seed: faults(*random_scene(random.Random(seed))))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import alone, on_stop
 from scipy.linalg import expm
 
 import vofem as vf
@@ -79,17 +80,15 @@ def test_loose_chains_have_no_equilibrium_and_keep_their_rigid_mode():
 
 
 def test_start_inside_a_stop_is_no_blow_up():
-    mass = vf.Mass(1.0)
-    stop = vf.Contact(mass, gap=-1.0, stiffness=100.0, side="above", acts_on="penetration")
-    result = vf.simulate(vf.Scene([mass], [stop]), 1.0, method="central_difference", dt=1e-3)
+    mass, scene = on_stop(vf.Mass(1.0), gap=-1.0, stiffness=100.0)
+    result = vf.simulate(scene, 1.0, method="central_difference", dt=1e-3)
     assert result.velocity(mass)[-1] == pytest.approx(-10.0, rel=1e-4)
     assert result.energy.balance_error < 1e-4
 
 
 @pytest.mark.parametrize("method", ["event_driven", "central_difference"])
 def test_energy_balance_counts_from_the_start_of_the_run(method):
-    mass = vf.Mass(1.0, stiffness=4.0, damping=0.3)
-    scene = vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, 1.0))], initial={mass: (0.5, 0.0)})
+    _, scene = alone(vf.Mass(1.0, stiffness=4.0, damping=0.3), load=vf.Sine(1.0, 1.0), start=(0.5, 0.0))
     step = {"dt": 1e-3} if method == "central_difference" else {}
     result = vf.simulate(scene, 5.0, method=method, times=[1.0, 2.0, 5.0], **step)
     assert result.energy.balance_error < 1e-10

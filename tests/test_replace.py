@@ -6,7 +6,7 @@ import inspect
 
 import numpy as np
 import pytest
-from scenes import paper_beam
+from scenes import cantilever, on_stop, paper_beam
 
 import vofem as vf
 
@@ -55,7 +55,7 @@ def test_steps_share_factors_where_only_loads_in_time_differ():
 
 def test_every_effect_can_be_made_anew():
     """Every argument of a constructor is an attribute."""
-    beam, other, mass = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}), vf.Beam(1.0, 1.0, 1.0, 4), vf.Mass(1.0)
+    beam, other, mass = cantilever(4), vf.Beam(1.0, 1.0, 1.0, 4), vf.Mass(1.0)
     tip = beam.at(1.0)
     effects = [
         vf.Contact(tip, mass, gap=0.1, stiffness=1.0, damping=0.1, acts_on="penetration", switch=vf.Resolved(1e-3)),
@@ -115,8 +115,6 @@ def test_the_initial_state_stays():
 
 
 def test_scenes_share_through_one_that_never_runs():
-    mass = vf.Mass(1.0, 1.0, name="mass")
-    stop = vf.Contact(mass, gap=0.1, stiffness=8.0, side="above", acts_on="penetration", name="stop")
-    base = vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, 0.5))])
+    _, base = on_stop(vf.Mass(1.0, 1.0, name="mass"), gap=0.1, stiffness=8.0, load=vf.Sine(1.0, 0.5))
     solved = [vf.simulate(base.replace("stop", gap=gap), 5.0).counters.eigensolves for gap in (0.1, 0.2, 0.3)]
     assert solved == [1, 0, 0]

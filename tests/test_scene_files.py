@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import paper_beam
+from scenes import cantilever, paper_beam
 
 import vofem as vf
 from vofem.files import toml_text
@@ -625,9 +625,9 @@ NUMERIC = [
 def test_files_and_constructors_refuse_the_same_numbers(cls, key, value):
     beam = vf.Beam(1.0, 1.0, 1.0, 2, name="b")
     samples = {"name": "x", "gap": 3.0, "a": beam.at(1.0), "side": "above", "acts_on": "penetration", "beam": beam,
-               "point": beam.at(1.0), "f": 1.0, "EI": 1.0, "rhoA": 1.0, "elements": 2,
+               "point": beam.at(1.0), "f": 1.0, "EI": 1.0, "rhoA": 1.0, "elements": 2, "body": beam,
                "one_sided": True, "memory": "cyclic", "elongation": [1.0, 2.0], "force": [2.0, 3.0]}  # fmt: skip
-    written = {**samples, "a": "b@1.0", "point": "b@1.0", "beam": "b"}
+    written = {**samples, "a": "b@1.0", "point": "b@1.0", "beam": "b", "body": "b"}
     known = declarations(cls)
     needed = [name for name, one in known.items() if one.needed or name in ("side", "one_sided")]
     book = Book(Path(), {"b": beam})
@@ -660,7 +660,7 @@ def test_polynomial():
 
 
 def test_starts_from_outcomes_are_refused_by_name():
-    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="deck")
+    beam = cantilever(4, name="deck")
     rest = vf.equilibrium(vf.Scene([beam], [vf.Gravity()]))
     with pytest.raises(vf.SceneFileError, match=r"initial\.deck: Equilibrium cannot be written to a scene file"):
         scene_to_toml(vf.Scene([beam], initial={beam: rest}))

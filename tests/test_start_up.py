@@ -46,8 +46,8 @@ STAGES = {
     "explain": ("from vofem.cli import main\nassert main(['explain', EXAMPLE]) == 0", set()),
     "run": ("assert main(['run', EXAMPLE, '--no-pictures', '--output', FOLDER + '/out']) == 0", set()),
     "series": (
-        "from vofem.io.vtk import write_series\nwrite_series(result, FOLDER + '/series')",
-        {"meshio", "rich"},
+        "from vofem.io.vtk import write_series\nwrite_series(result, FOLDER + '/series.pvd')",
+        {"pyvista", "vtkmodules"},
     ),
     "run with pictures": ("assert main(['run', EXAMPLE, '--output', FOLDER + '/out']) == 0", {"matplotlib"}),
 }

@@ -9,6 +9,7 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
+from scenes import on_stop
 
 import vofem as vf
 from vofem import cli
@@ -85,9 +86,8 @@ def test_sections_and_backbones(branch, tmp_path, figures):
     plot.poincare_section(section, masses[0], tmp_path / "section.png")
     assert figures[0].axes[0].lines[0].get_xdata().size == len(section)
 
-    mass = vf.Mass(1.0, stiffness=10.0)
-    stop = vf.Contact(mass, gap=0.01, stiffness=50.0, side="above", acts_on="penetration")
-    mode = vf.backbone(vf.Scene([mass], [stop]), 1, np.geomspace(1e-3, 1e-1, 5))
+    _, scene = on_stop(vf.Mass(1.0, stiffness=10.0), gap=0.01, stiffness=50.0)
+    mode = vf.backbone(scene, 1, np.geomspace(1e-3, 1e-1, 5))
     plot.backbone_curve(mode, tmp_path / "backbone.png")
     np.testing.assert_allclose(figures[1].axes[0].lines[0].get_xdata(), mode.omega / (2.0 * np.pi))
     np.testing.assert_allclose(figures[1].axes[0].lines[0].get_ydata(), np.geomspace(1e-3, 1e-1, 5))
@@ -124,6 +124,8 @@ def test_a_branch_as_a_table(branch, tmp_path):
     assert len(rows) == len(found) + len(found.special)
     plain = [row for row in rows if not row["special"]]
     np.testing.assert_array_equal([float(row["omega"]) for row in plain], found.values)
+    for unit, factor in (("angular frequency [rad/s]", 1.0), ("frequency [Hz]", 2.0 * np.pi)):
+        np.testing.assert_allclose([factor * float(row[unit]) for row in plain], found.omega, rtol=1e-14)
     np.testing.assert_allclose([float(row["b amplitude [m]"]) for row in plain], found.amplitude(masses[1]), rtol=1e-14)
     assert [row["stable"] for row in plain] == [{True: "1", False: "0", None: ""}[s] for s in found.stable]
     assert [row["special"] for row in rows if row["special"]] == [special.kind for special in found.special]
@@ -208,9 +210,7 @@ def test_pictures_show_the_curve_and_what_was_computed(branch, tmp_path, figures
 
 
 def test_a_spectrum_and_a_map_end_where_the_numbers_end(tmp_path, figures):
-    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1)
-    stop = vf.Contact(mass, gap=0.5, stiffness=3.0, side="above", acts_on="penetration", name="stop")
-    scene = vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(0.5, 0.9))])
+    mass, scene = on_stop(vf.Mass(1.0, stiffness=1.0, damping=0.1), gap=0.5, stiffness=3.0, load=vf.Sine(0.5, 0.9))
     result = vf.simulate(scene, 100.0, method="energy_conserving", dt=0.1)
     plot.spectrum(result, mass, tmp_path / "spectrum.png", limit=50.0)
     axes = figures[0].axes[0]

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import itertools
 import random
-import sys
 from fractions import Fraction
 
 import numpy as np
 import pytest
+from campaigns import campaign
 
 import vofem as vf
 
@@ -156,16 +156,5 @@ def test_stops_at_one_point_share_a_force_by_their_stiffness():
     np.testing.assert_allclose([found.contacts[name].force for name in ("k1000", "k3000")], [10.0, 30.0], rtol=1e-12)
 
 
-def campaign(first, last):
-    for seed in range(first, last):
-        for fault in (scalar_fault, chain_fault):
-            try:
-                found = fault(seed)
-            except vf.VofemError as error:
-                found = f"{type(error).__name__}: {error}"
-            if found:
-                print(seed, fault.__name__, found, flush=True)
-
-
 if __name__ == "__main__":
-    campaign(int(sys.argv[1]), int(sys.argv[2]))
+    campaign(scalar_fault, chain_fault)

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
-from scenes import LAWS, SHORT, paper_beam, two_masses
+from scenes import LAWS, SHORT, alone, paper_beam, two_masses
 
 import vofem as vf
 from vofem import cli
@@ -534,14 +534,13 @@ def test_files_name_no_module_and_no_class(tmp_path):
     for method, more in (("event_driven", {}), ("energy_conserving", {"dt": 0.01})):
         path = tmp_path / f"{method}.checkpoint"
         vf.simulate(scene, 0.5, method=method, checkpoint=path, checkpoint_every=0.0, **more)
-    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="m")
-    driven = vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, 1.0))])
+    _, driven = alone(vf.Mass(1.0, stiffness=1.0, damping=0.1, name="m"), load=vf.Sine(1.0, 1.0))
     vf.continuation(lambda omega: driven.replace(driven.effects[0], f=vf.Sine(1.0, omega)), 0.5, 0.6).save(
         tmp_path / "branch.h5"
     )
     # Descriptions of loads show sums and multiples.
     private = {place.partition(":")[2] for place in NAMES.values()} - {*vf.__all__, "Sum", "Scaled"}
-    private |= {"BodyPoint", "LastStep", "Segments", "ContactSamples", "SpringpotState"}
+    private |= {"Point", "LastStep", "Segments", "ContactSamples", "SpringpotState"}
     for path in tmp_path.iterdir():
         text = words_of(path)
         assert not re.findall(r"vofem\.\w+", text), path.name

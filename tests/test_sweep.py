@@ -19,7 +19,8 @@ import sweep_functions as functions
 import vofem as vf
 from vofem.blas import blas_threads
 from vofem.io import plot
-from vofem.studies.sweep import SweepInterrupted, journal, schedule
+from vofem.kernels.mode import compiled
+from vofem.studies.sweep import SweepInterrupted, running
 from vofem.studies.sweep import store as store_module
 from vofem.studies.sweep.identity import identity
 
@@ -107,6 +108,23 @@ def test_arguments_that_cannot_serve_are_refused(arguments, message):
 def test_a_function_that_no_other_process_can_import_is_refused_before_anything_starts():
     with pytest.raises(vf.ArgumentError, match="at the top level of a module"):
         vf.sweep(lambda x: {"y": x}, {"x": [1]})
+
+
+@pytest.mark.parametrize(
+    ("begin", "refused"),
+    [("", True), ("if __name__ == '__main__':\n    ", False), ("def main():\n    ", False), ("import logging\n", True)],
+)
+def test_a_script_without_a_guard_is_refused_before_anything_starts(tmp_path, begin, refused):
+    """Each process would import the script and start processes itself; all points failed, with a traceback for each."""
+    script = tmp_path / "script.py"
+    end = "\nif __name__ == '__main__':\n    main()" if "main()" in begin else ""
+    call = "print(vf.sweep(math.sqrt_of, {'x': [1.0, 4.0]}, workers=1, compiled=False)['y'])"
+    (tmp_path / "own.py").write_text("def sqrt_of(x): return {'y': x**0.5}\n")
+    script.write_text(f"import vofem as vf\nimport own as math\n{begin}{call}{end}\n")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, cwd=tmp_path)
+    assert (done.returncode != 0) == refused
+    assert done.stdout.strip() == ("" if refused else "[1. 2.]")
+    assert done.stderr.count("if __name__ == '__main__':") == refused
 
 
 # -- executors ----------------------------------------------------------------------------------------
@@ -261,7 +279,7 @@ def test_a_loop_in_a_thread_ends_at_its_time_limit():
 
 
 def test_workers_that_die_or_hear_no_signal_are_replaced(monkeypatch):
-    monkeypatch.setattr(schedule, "_GRACE", 3.0)
+    monkeypatch.setattr(running, "_GRACE", 3.0)
     kinds = ["fine", "kill", "deaf", "nan"]
     table = vf.sweep(functions.trouble, {"kind": kinds}, workers=2, time_limit=0.5)
     assert [(one.index, one.error.partition(":")[0]) for one in table.failed] == [
@@ -463,13 +481,6 @@ def test_a_changed_function_starts_anew_and_says_so(tmp_path, monkeypatch):
     assert (tmp_path / "rows.before-1.h5").read_bytes() == before
 
 
-def test_the_identity_of_a_function_covers_what_is_bound_to_it():
-    bound = [identity(functools.partial(functions.slow_square, seconds=s))[0]["source"] for s in (1.0, 2.0, 1.0)]
-    assert bound[0] == bound[2] != bound[1]
-    inner = [identity(lambda x, scale=scale: {"y": scale * x})[0]["source"] for scale in (1.0, 2.0, 1.0)]
-    assert inner[0] == inner[2] != inner[1]
-
-
 def test_a_second_process_is_refused(tmp_path):
     store = tmp_path / "rows.h5"
     first = store_module.SweepFile(store, identity(functions.square)[0])
@@ -548,54 +559,50 @@ def test_a_sweep_that_was_killed_goes_on_to_the_same_table(tmp_path, victim):
         assert before >= 8
 
 
-@pytest.mark.parametrize("cut", [1, 10, 60, 120])
-def test_a_record_that_was_being_written_is_cut_off(tmp_path, cut):
-    store = store_module.SweepFile(tmp_path / "rows.h5", identity(functions.square)[0])
+def test_rows_beside_a_store_belong_to_it_alone(tmp_path):
+    """A process that was killed leaves rows beside its store; they go with a store that is removed or is of others."""
+    store, beside = tmp_path / "rows.h5", tmp_path / "rows.h5.sqlite"
+    left = store_module.SweepFile(store, identity(functions.square, compiled())[0])
     table = vf.sweep(functions.square, {"x": [1, 2]}, executor="serial")
-    rows = [store_module.Row({name: table[name][k] for name in table}, "", "", 0.1) for k in range(2)]
-    store.add([("first", {"x": 1}, rows[0])])
-    store.add([("second", {"x": 2}, rows[1])])
-    store.close()
-    data = store.path.read_bytes()
-    store.path.write_bytes(data[:-cut])
-    again = store_module.SweepFile(store.path, identity(functions.square)[0])
-    assert list(again.rows()) == ["first"]
-    again.add([("second", {"x": 2}, rows[1])])
-    again.close()
-    assert store.path.read_bytes() == data
+    key = table.points.keys[1]
+    left.add([(key, {"x": 2}, store_module.Row({name: np.asarray(table[name][1]) for name in table}, "", "", 0.1))])
+    left.close()
+    before = {path: path.read_bytes() for path in (store, beside)}
+    assert same(vf.load(store), vf.sweep(functions.square, {"x": [2]}, executor="serial"))
+    again = vf.sweep(functions.square, {"x": [1, 2]}, executor="serial", store=store)
+    assert (again.counters["stored"], same(again, table)) == (1, True)
+    assert not beside.exists()
+    # Of another function: kept with the store that is renamed.
+    for path, content in before.items():
+        path.write_bytes(content)
+    assert vf.sweep(functions.shifted_square, {"x": [2]}, executor="serial", store=store).counters["stored"] == 0
+    assert same(vf.load(tmp_path / "rows.before-1.h5"), vf.sweep(functions.square, {"x": [2]}, executor="serial"))
+    assert not beside.exists()
+    # Without its store.
+    store.unlink()
+    beside.write_bytes(before[beside])
+    assert vf.sweep(functions.square, {"x": [2]}, executor="serial", store=store).counters["stored"] == 0
+    # Damaged: nothing is computed or written.
+    store.write_bytes(before[store])
+    beside.write_bytes(b"no database at all, but text" * 100)
+    with pytest.raises(vf.StorageError, match=r"rows\.h5\.sqlite, which holds the rows that .* remove it to compute"):
+        vf.sweep(functions.square, {"x": [2]}, executor="serial", store=store)
+    assert store.read_bytes() == before[store]
 
 
-def test_a_full_disk_ends_with_a_typed_error_and_the_rows_stored_before_it(tmp_path, monkeypatch):
-    store = tmp_path / "rows.h5"
-    written = []
-    append = journal.Journal.append
-
-    class Full:
-        """A file on a disk that takes half of one more record."""
-
-        def __init__(self, file):
-            self._file = file
-
-        def __getattr__(self, name):
-            return getattr(self._file, name)
-
-        def write(self, data):
-            if len(data) < 8:
-                raise OSError(28, "No space left on device")
-            return self._file.write(data[: len(data) // 2])
-
-    def limited(self, entries):
-        written.append(len(entries))
-        if len(written) == 3:
-            self._file = Full(self._file)
-        append(self, entries)
-
-    monkeypatch.setattr(journal.Journal, "append", limited)
-    with pytest.raises(vf.OutputError, match="No space left on device; rows stored so far are kept"):
-        vf.sweep(functions.square, {"x": range(3000)}, executor="serial", store=store)
-    monkeypatch.undo()
-    table = vf.sweep(functions.square, {"x": range(3000)}, executor="serial", store=store)
-    assert table.counters["stored"] == sum(written[:2])
+def test_a_full_disk_ends_with_a_typed_error_and_the_rows_stored_before_it(tmp_path):
+    """A limit on the size of files, from the last third of the points on, stands for the disk."""
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    store, limited = tmp_path / "rows.h5", tmp_path / "limited"
+    function = functools.partial(functions.square_on_a_full_disk, limited=str(limited))
+    try:
+        with pytest.raises(vf.OutputError, match=r"rows\.h5 cannot be written"):
+            vf.sweep(function, {"x": range(3000)}, executor="serial", store=store)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    table = vf.sweep(function, {"x": range(3000)}, executor="serial", store=store)
+    assert 500 < table.counters["stored"] < 3000
     assert same(table, vf.sweep(functions.square, {"x": range(3000)}, executor="serial"))
 
 
@@ -603,7 +610,7 @@ def test_a_full_disk_ends_with_a_typed_error_and_the_rows_stored_before_it(tmp_p
 def test_a_store_that_is_another_file_stays_as_it_is(tmp_path, content):
     store = tmp_path / "rows.h5"
     store.write_bytes(content)
-    with pytest.raises(vf.StorageError, match="was not written by vofem"):
+    with pytest.raises(vf.StorageError, match="is no HDF5 file, expected the store of a sweep"):
         vf.sweep(functions.square, {"x": [1]}, executor="serial", store=store)
     assert store.read_bytes() == content
 
@@ -617,16 +624,6 @@ def test_a_saved_run_is_no_store(tmp_path):
     with pytest.raises(vf.StorageError, match="no store of a sweep"):
         vf.sweep(functions.square, {"x": [1]}, executor="serial", store=path)
     assert path.read_bytes() == before
-
-
-def test_damage_is_found(tmp_path):
-    store = tmp_path / "rows.h5"
-    vf.sweep(functions.square, {"x": [1]}, executor="serial", store=store)
-    data = bytearray(store.read_bytes())
-    data[len(data) // 2] ^= 16
-    store.write_bytes(bytes(data))
-    with pytest.raises(vf.StorageError, match="is damaged"):
-        vf.sweep(functions.square, {"x": [1]}, executor="serial", store=store)
 
 
 # -- tables -------------------------------------------------------------------------------------------

@@ -5,17 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from reference_integration import Reference
+from scenes import between_stops
 
 import vofem as vf
 
 
 def between_two_stops(omega, acts_on="penetration", damping=0.0):
     mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="mass")
-    stops = [
-        vf.Contact(mass, gap=0.5, stiffness=20.0, damping=damping, side=side, acts_on=acts_on, name=side)
-        for side in ("above", "below")
-    ]
-    return vf.Scene([mass], [*stops, vf.PointLoad(mass, vf.Sine(0.2, omega))])
+    law = {"gap": 0.5, "stiffness": 20.0, "damping": damping, "acts_on": acts_on}
+    return between_stops(mass, load=vf.Sine(0.2, omega), **law)[1]
 
 
 def twins(omega, count=2, damping=0.0):

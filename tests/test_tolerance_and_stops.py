@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import between_stops, on_stop
 
 import vofem as vf
 from vofem.integrators.methods import ENERGY_CONSERVING
@@ -15,13 +16,10 @@ from vofem.system import Counters
 METHOD = {"method": "energy_conserving"}
 
 
-def between_stops(stiffness, law="penetration"):
+def to_and_fro(stiffness, law="penetration"):
     """Return a free mass of 1 kg that flies to and fro between two stops 0.5 m away, and its scene."""
     mass = vf.Mass(1.0, name="mass")
-    stops = [
-        vf.Contact(mass, gap=0.5, stiffness=stiffness, side=side, acts_on=law, name=side) for side in ("above", "below")
-    ]
-    return mass, vf.Scene([mass], stops, {mass: (0.0, 1.0)})
+    return between_stops(mass, start=(0.0, 1.0), gap=0.5, stiffness=stiffness, acts_on=law)
 
 
 def flight(t, stiffness):
@@ -39,7 +37,7 @@ def flight(t, stiffness):
 @pytest.mark.parametrize("stiffness", [1e2, 1e4, 1e6, 1e8, 1e10, 1e12])
 @pytest.mark.parametrize("tol", [1e-2, 1e-4])
 def test_a_mass_between_two_stops(stiffness, tol):
-    mass, scene = between_stops(stiffness)
+    mass, scene = to_and_fro(stiffness)
     times = np.linspace(0.0, 9.7, 1001)
     result = vf.simulate(scene, 9.7, tol=tol, times=times, **METHOD)
     right = flight(times, stiffness)
@@ -53,7 +51,7 @@ def test_a_mass_between_two_stops(stiffness, tol):
 @pytest.mark.parametrize("stiffness", [1e2, 1e4, 1e8, 1e12])
 @pytest.mark.parametrize("tol", [1e-2, 1e-4])
 def test_generalized_alpha_between_two_stops_is_right_or_told(stiffness, tol):
-    mass, scene = between_stops(stiffness)
+    mass, scene = to_and_fro(stiffness)
     times = np.linspace(0.0, 9.7, 1001)
     result = vf.simulate(scene, 9.7, tol=tol, times=times, method="generalized_alpha")
     right = flight(times, stiffness)
@@ -67,7 +65,7 @@ def test_generalized_alpha_between_two_stops_is_right_or_told(stiffness, tol):
 
 @pytest.mark.parametrize("stiffness", [1e4, 1e8])
 def test_the_jump_law_between_two_stops(stiffness):
-    mass, scene = between_stops(stiffness, "displacement")
+    mass, scene = to_and_fro(stiffness, "displacement")
     times = np.linspace(0.0, 9.7, 501)
     exact = vf.simulate(scene, 9.7, times=times).displacement(mass)
     result = vf.simulate(scene, 9.7, tol=1e-4, times=times, **METHOD)
@@ -76,7 +74,7 @@ def test_the_jump_law_between_two_stops(stiffness):
 
 
 def test_samples_between_stored_times_stay_in_front_of_the_stop():
-    _, scene = between_stops(1e8)
+    _, scene = to_and_fro(1e8)
     result = vf.simulate(scene, 4.0, tol=1e-4, times=np.linspace(0.0, 4.0, 401), **METHOD)
     t = np.linspace(0.0, 4.0, 7919)
     assert np.max(np.abs(result.solution.sample(t).q)) < 0.5 + 1.1e-4
@@ -233,9 +231,7 @@ def test_a_mass_that_hits_a_beam_is_right_or_told(stiffness, law):
 
 def test_times_may_be_asked_for_twice():
     """The comparison with a coarser run takes each of its own times once."""
-    mass = vf.Mass(1.0)
-    stop = vf.Contact(mass, gap=0.5, stiffness=1e6, side="above", acts_on="penetration")
-    scene = vf.Scene([mass], [stop], {mass: (0.0, 1.0)})
+    mass, scene = on_stop(vf.Mass(1.0), gap=0.5, stiffness=1e6, start=(0.0, 1.0))
     result = vf.simulate(scene, 3.0, tol=1e-2, times=[0.0, 0.0, 1.5, 3.0, 3.0], **METHOD)
     assert result.displacement(mass)[-1] == result.displacement(mass)[-2]
     assert abs(result.displacement(mass)[-1] + 2.0) < 10.0 * 1e-2 * 2.0

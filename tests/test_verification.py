@@ -26,6 +26,7 @@ from vofem.verification import (
     verify,
 )
 from vofem.verification.case import DYNAMIC
+from vofem.verification.cases.masses import bilinear_period
 from vofem.verification.report import junit, markdown, markdown_details, summary
 from vofem.verification.runner import judge
 
@@ -64,6 +65,11 @@ def test_every_hard_case_is_there_and_every_dynamic_method_has_its_word():
         dynamic = set(case.how) - {"equilibrium", "modes", "shooting", "harmonic_balance"}
         # Cases of statics, of modes and of the order of steps are about these alone.
         assert dynamic in (set(), set(DYNAMIC)) or "order of steps" in case.name, case.name
+
+
+@pytest.mark.parametrize(("energy", "gap", "period"), [(1e-3, 0.01, 1.7956890733), (1.0, 0.01, 1.4108224620)])
+def test_formula_of_the_bilinear_period(energy, gap, period):
+    assert bilinear_period(energy, gap) == pytest.approx(period, abs=1e-10)
 
 
 def test_event_driven_passes_all_but_what_it_says():
@@ -202,4 +208,4 @@ def test_command_line_fails_where_a_case_does(monkeypatch, capsys):
     assert main(["verify", "--method", "modes"]) == 1
     assert "has to do with that method" in capsys.readouterr().err
     assert main(["verify", "--markdown", "table.txt"]) == 1
-    assert "expected a name that ends in one of '.md'" in capsys.readouterr().err
+    assert "expected a name that ends in '.md'" in capsys.readouterr().err

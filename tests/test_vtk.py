@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,7 @@ from scenes import paper_beam, two_masses
 
 import vofem as vf
 from vofem.integrators.base import ContactSamples
-from vofem.io import vtk
+from vofem.io import frames
 from vofem.io.vtk import write_series
 
 BEAM, MASS, CONTACT, STOP = range(4)
@@ -185,7 +183,7 @@ def test_several_bodies_have_their_own_planes(tmp_path):
         vf.PointLoad(low.at(2.0), 0.5),
     ]
     result = vf.simulate(vf.Scene([low, high, mass], effects), 3.0, times=[0.0, 1.0, 3.0])
-    _, grids = frames_of(write_series(result, tmp_path / "s", magnification=2.0).path)
+    _, grids = frames_of(write_series(result, tmp_path / "s.pvd", magnification=2.0).path)
     grid = grids[-1]
     # Points joined by a contact have one x; b stands a gap above a, and every body in its own plane.
     for body, (dx, y, z) in enumerate([(0.0, 0.0, 0.0), (-1.4, 0.2, 0.2)]):
@@ -234,7 +232,7 @@ def test_other_times_any_method_and_small_blocks(tmp_path, monkeypatch):
     result = vf.simulate(scene, 1.0, method="central_difference", dt=1e-3)
     times = [0.0003, 0.5, 0.70001, 1.0]
     whole = write_series(result, tmp_path / "whole.pvd", times)
-    monkeypatch.setattr(vtk, "_BLOCK_BYTES", 1)
+    monkeypatch.setattr(frames, "_BLOCK_BYTES", 1)
     split = write_series(result, tmp_path / "split.pvd", times)
     found, grids = frames_of(split.path)
     assert found.tolist() == times
@@ -261,7 +259,7 @@ def snapshot(folder):
     return {str(f.relative_to(folder)): f.read_bytes() if f.is_file() else None for f in folder.rglob("*")}
 
 
-@pytest.mark.parametrize("name", ["mkdir", "rename", "replace"])
+@pytest.mark.parametrize("name", ["mkdir", "write_bytes", "replace"])
 def test_failing_file_system_calls_leave_everything_as_it_was(run, tmp_path, monkeypatch, name):
     goal = tmp_path / "run.pvd"
     write_series(run[1], goal, [0.0, 1.0])
@@ -277,44 +275,12 @@ def test_failing_file_system_calls_leave_everything_as_it_was(run, tmp_path, mon
     assert snapshot(tmp_path) == before
 
 
-@pytest.mark.parametrize("earlier", [False, True])
-def test_a_file_limit_of_the_system(tmp_path, earlier):
-    """The kernel refuses to write on, in the middle of a file: what was there before stays."""
-    script = f"""
-import resource, sys
-from pathlib import Path
-sys.path.insert(0, {str(Path(__file__).parent)!r})
-from test_vtk import snapshot
-import vofem as vf
-from vofem.io.vtk import write_series
-beam = vf.Beam(1.0, 1.0, 1.0, 25, {{"left": "clamped"}})
-result = vf.simulate(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), 1.0)]), 1.0, times=[0.0, 1.0])
-goal = {str(tmp_path / "run")!r}
-before = {{}}
-if {earlier}:
-    write_series(result, goal, [0.0])
-    before = snapshot(Path(goal))
-resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
-try:
-    write_series(result, goal)
-except vf.OutputError as error:
-    print(error)
-assert before == (snapshot(Path(goal)) if Path(goal).exists() else {{}})
-"""
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert "File too large" in done.stdout
-    assert done.stderr == ""
-    assert [path.name for path in tmp_path.iterdir()] == ["run"] * earlier
-
-
 def test_places_that_cannot_be_written(run, tmp_path):
     (tmp_path / "file").write_text("mine")
     (tmp_path / "folder.pvd").mkdir()
     for place, cause in [
-        (tmp_path / "file", "is a file"),
         (tmp_path / "file" / "run.pvd", "is a file"),
         (tmp_path / "none" / "run.pvd", "does not exist"),
-        (tmp_path / "none" / "folder", "No such file"),
         (tmp_path / "folder.pvd", "is a folder"),
     ]:
         before = snapshot(tmp_path)
@@ -333,7 +299,7 @@ def test_places_that_cannot_be_written(run, tmp_path):
         ({"points_per_element": 1}, "points_per_element is 1"),
         ({"points_per_element": 2.5}, "points_per_element is 2.5"),
         ({"magnification": 0.0}, "magnification"),
-        ({"path": "run.vtu"}, "NAME.pvd"),
+        ({"path": "run.vtu"}, "ends in '.pvd'"),
         ({"path": 3}, "path is 3"),
     ],
 )

@@ -6,9 +6,9 @@
 from __future__ import annotations
 
 import random
-import sys
 
 import numpy as np
+from campaigns import campaign
 
 import vofem as vf
 from vofem.statics.solver import EquilibriumSolver
@@ -87,15 +87,5 @@ def test_the_law_as_printed_gives_back_what_it_had_dissipated():
     assert "memory='cyclic'" in notes["printed"][0]
 
 
-def campaign(first, last):
-    for seed in range(first, last):
-        try:
-            found = path(seed).notes
-        except vf.VofemError as error:
-            found = [f"{type(error).__name__}: {error}"]
-        if found:
-            print(seed, *found, sep="\n    ", flush=True)
-
-
 if __name__ == "__main__":
-    campaign(int(sys.argv[1]), int(sys.argv[2]))
+    campaign(lambda seed: path(seed).notes)

@@ -190,7 +190,7 @@ def _wrong_arguments(name: str, signature: inspect.Signature, named: dict[str, A
 
 def one_of(allowed: tuple[str, ...]) -> str:
     """Spell a list of names for a message."""
-    return "one of " + ", ".join(repr(name) for name in allowed)
+    return "one of " * (len(allowed) > 1) + ", ".join(repr(name) for name in allowed)
 
 
 def nearest(value: Any, allowed: tuple[str, ...]) -> str:

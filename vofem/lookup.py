@@ -9,7 +9,7 @@ import numpy as np
 
 from vofem._validate import name_of, nearest
 from vofem.assembly import Model
-from vofem.bodies.base import Body, Row
+from vofem.bodies.base import Body, Point, Row
 from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError
 
@@ -51,7 +51,7 @@ def the_beam(bodies: Iterable[Body], body: Any) -> Beam:
 
 def row_of(bodies: Iterable[Body], point: Any) -> tuple[Body, Row]:
     """Return the body of a point and the point's row on it, resolved by the body's name and x."""
-    if not hasattr(point, "row"):
+    if not isinstance(point, Point):
         raise ArgumentError(f"expected a point, beam.at(x) or a Mass, found {point!r}")
     body = body_named(bodies, point.body)
     return body, body.resolve(point)

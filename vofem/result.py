@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import Named, name_of
+from vofem._validate import Named, name_of, number
 from vofem.assembly import Model
 from vofem.cards import Shown
 from vofem.effects.two_points import units_of
@@ -19,6 +19,7 @@ from vofem.errors import ArgumentError
 from vofem.histories import (
     ContactHistory,
     Energy,
+    FrictionHistory,
     Motion,
     ProbeHistory,
     Reaction,
@@ -126,6 +127,16 @@ class Result(Shown, Motion):
         effects = self.scene.effects
         histories = [ContactHistory(self, laws, j, units_of(effects, name)) for j, name in enumerate(laws.names)]
         return Named({history.name: history for history in histories})
+
+    @cached_property
+    def frictions(self) -> Named[FrictionHistory]:
+        """Histories of sliders by name; empty if the scene has none."""
+        sliders, effects = self.model.system.sliders, self.scene.effects
+        laws = () if sliders is None else sliders.laws
+        return Named(
+            {law.name: FrictionHistory(self, law, j, units_of(effects, law.name)) for j, law in enumerate(laws)},
+            "slider",
+        )
 
     @cached_property
     def springs(self) -> Named[SpringHistory]:
@@ -299,7 +310,63 @@ class Result(Shown, Motion):
         """
         return statistics_of(self, window)
 
-    # -- files ------------------------------------------------------------------------------------
+    # -- frames and files -------------------------------------------------------------------------
+
+    def frame(self, t: float, *, magnification: float = 1.0, points_per_element: int = 5) -> Any:
+        """Return bodies and contacts at time t as a `pyvista.UnstructuredGrid`, with fields that can be drawn.
+
+        Points are at rest; ``frame.warp_by_vector("deflection", factor=magnification)`` moves them. x runs along the
+        beams and y points up. Every body has a plane z of its own, but for bodies that a joint ties; the points of a
+        contact have the same x, and their distance is the gap.
+
+        ===========  ==========================================================================
+        point data   ``deflection`` (vector) and ``eta`` (its y) in m, ``velocity`` in m/s,
+                     ``slope``, ``bending_moment`` in N m, ``shear_force`` in N (NaN where there
+                     is no beam), what the `sections` of other bodies name, ``x``: the body's own
+                     coordinate in m; bodies that move along their axis are displaced along x
+        cell data    ``kind``: 0 beam, 1 mass, 2 contact, 3 the bar that shows a stop;
+                     ``body``, ``element``, ``contact``: numbers from 0 in the order of the
+                     scene, -1 for none; ``contact_state``: 0 open, 1 closed, 2 pinned, -1 no
+                     contact; ``contact_force`` in N, positive pushes apart, and
+                     ``contact_stiffness`` in N/m, NaN where there is no contact; in N m and
+                     N m/rad of contacts that act on rotations
+        field data   ``TimeValue`` in s, ``magnification``
+        ===========  ==========================================================================
+
+        Every element has its own points, so moments and shear forces jump at nodes
+        and are averaged nowhere. A contact is a line from its point a to the stop,
+        or to its point b.
+
+        Parameters
+        ----------
+        t : float
+            Time in s, within the run.
+        magnification : float
+            Factor by which gaps are drawn larger, so that bodies meet when a contact closes under a warp of the same
+            factor. The data are never magnified.
+        points_per_element : int
+            Points of each element of a beam, from 2 to 1000.
+
+        Returns
+        -------
+        pyvista.UnstructuredGrid
+
+        Raises
+        ------
+        ArgumentError
+            If t lies outside the run.
+
+        Examples
+        --------
+        ``result.frame(0.5).warp_by_vector("deflection", factor=20).plot(scalars="bending_moment")``
+        """
+        # Late, because results know no pictures.
+        from vofem.io.frames import Frames
+
+        t, end = number("frame: t", t), self.solution.t_end
+        if not 0.0 <= t <= end * (1.0 + 1e-12):
+            raise ArgumentError(f"frame: t is {t:g} s, expected a time of the run, 0 to {end:g} s")
+        return Frames(self, magnification, points_per_element).at(min(t, end))
 
     def save(
         self,

@@ -9,10 +9,12 @@ from typing import Any
 
 from vofem._validate import nearest, public
 from vofem.assembly import Effect, Model, SystemBuilder
+from vofem.assembly.bases import offsets
 from vofem.bodies.base import Body
 from vofem.cards import Shown
 from vofem.effects.base_motion import BaseMotion
 from vofem.effects.contact import Contact
+from vofem.effects.rigid_stop import RigidStop
 from vofem.errors import ArgumentError, VofemError
 from vofem.initial import Initial, StateSource
 from vofem.locks import Lock
@@ -106,6 +108,9 @@ class Scene(Shown):
         if not motions:
             return
         for effect in self.effects:
+            if isinstance(effect, Contact):
+                offsets(f"Contact {effect.name!r}", effect.bases, [motion.base for motion in motions])
+                continue
             on = [[m.acceleration for m in motions if m.body is point.body] for point in effect.points()]
             if len(on) == 2 and on[0] != on[1]:
                 raise ArgumentError(
@@ -120,9 +125,9 @@ class Scene(Shown):
             raise ArgumentError(f"Scene: {what} named {twice[0]!r} occur more than once; give each its own name")
 
     @property
-    def contacts(self) -> tuple[Contact, ...]:
-        """The contacts among the effects, in order."""
-        return tuple(effect for effect in self.effects if isinstance(effect, Contact))
+    def contacts(self) -> tuple[Contact | RigidStop, ...]:
+        """The contacts and rigid stops among the effects, in order."""
+        return tuple(effect for effect in self.effects if isinstance(effect, (Contact, RigidStop)))
 
     @property
     def model(self) -> Model:

@@ -1,33 +1,34 @@
-"""The axis of a beam: its nodes and elements, and how places on it are named and found."""
+"""The axis of a beam: its nodes and elements, how places on it are named and found, and the fields between nodes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array, nearest, number, one_of
-from vofem.bodies.base import Array, IntArray
+from vofem.bodies.base import Array, Body, DegreesOfFreedom, IntArray, Point, Row, Shape
 from vofem.bodies.cubics import hermite
 from vofem.bodies.mesh import LineMesh
 from vofem.errors import ArgumentError
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
 _MOST_ELEMENTS = 10_000_000
 
 
-@dataclass(frozen=True, eq=False)
-class Axis:
-    """Nodes and two-node elements in order from the left end.
+class Axis(Body):
+    """The nodes and two-node elements of a beam, in order from the left end.
 
     Every node has two degrees of freedom, interleaved along the axis: the
     displacement eta and the slope d(eta)/dx.
 
     Attributes
     ----------
-    label : str
-        The beam, for messages, such as ``Beam 'deck'``.
     length : float
         Length of the axis, m.
     origin : float
@@ -37,16 +38,50 @@ class Axis:
         origin: far from x = 0 the x of two near nodes lose digits.
     element_lengths : ndarray, shape (n_elements,)
         Lengths of the elements, m. They are more accurate than differences of `arc`.
-    mesh : LineMesh, optional
-        What names nodes and elements.
+    mesh : LineMesh or None
+        The named points and subdomains of a mesh file.
     """
 
-    label: str
     length: float
     origin: float
     arc: Array
     element_lengths: Array
-    mesh: LineMesh | None = None
+    mesh: LineMesh | None
+
+    def _divide(self, elements: Any) -> None:
+        """Set nodes and elements, from the number of equal elements, the x of all nodes, or a mesh.
+
+        Raises
+        ------
+        ArgumentError
+            If the nodes do not increase, do not span the length, or are too many.
+        """
+        label, length = self.label, self.length
+        self.mesh = elements if isinstance(elements, LineMesh) else None
+        if self.mesh is not None:
+            self.origin, self.arc, self.element_lengths = self.mesh.origin, self.mesh.arc, self.mesh.lengths
+            return
+        if isinstance(elements, (int, np.integer)) and not isinstance(elements, bool):
+            count = int(elements)
+            if not 1 <= count <= _MOST_ELEMENTS:
+                raise ArgumentError(f"{label}: elements is {count}, expected 1 to {_MOST_ELEMENTS}")
+            self.origin, self.arc = 0.0, np.arange(count + 1, dtype=float) * (length / count)
+            self.arc[-1], self.element_lengths = length, np.full(count, length / count)
+            return
+        if isinstance(elements, (float, str, bool)):
+            raise ArgumentError(f"{label}: elements is {elements!r}, expected a whole number or the x of all nodes")
+        nodes = array(f"{label}: elements", elements)
+        if nodes.ndim != 1 or nodes.size < 2:
+            raise ArgumentError(f"{label}: elements has shape {nodes.shape}, expected the x of two or more nodes")
+        lengths = np.diff(nodes)
+        if np.any(lengths <= 0):
+            k = int(np.argmax(lengths <= 0))
+            raise ArgumentError(
+                f"{label}: node x must increase, found x[{k}] = {nodes[k]:g} followed by x[{k + 1}] = {nodes[k + 1]:g}"
+            )
+        if not np.isclose(nodes[-1] - nodes[0], length, rtol=1e-9, atol=0.0):
+            raise ArgumentError(f"{label}: the nodes span {nodes[-1] - nodes[0]:g} m, expected the length {length:g} m")
+        self.origin, self.arc, self.element_lengths = float(nodes[0]), nodes - nodes[0], lengths
 
     @property
     def nodes(self) -> Array:
@@ -55,8 +90,23 @@ class Axis:
 
     @property
     def size(self) -> int:
-        """Number of degrees of freedom."""
+        """Number of degrees of freedom, two per node, supported ones included."""
         return 2 * self.arc.size
+
+    @property
+    def mesh_file(self) -> Path | None:
+        """The mesh file, absolute, of a beam that was made from one."""
+        return Path(self.mesh.file) if self.mesh is not None and self.mesh.file else None
+
+    @property
+    def degrees_of_freedom(self) -> DegreesOfFreedom:
+        """Displacement and slope of every node."""
+        return DegreesOfFreedom(np.repeat(self.nodes, 2), np.tile([False, True], self.nodes.size))
+
+    @cached_property
+    def shape(self) -> Shape:
+        """The axis through its nodes, which moves upward."""
+        return Shape("line", self.nodes, self.field_matrix(self.nodes))
 
     @property
     def scale(self) -> Array:
@@ -65,11 +115,18 @@ class Axis:
         scale[1::2] = np.minimum(np.append(self.element_lengths, np.inf), np.insert(self.element_lengths, 0, np.inf))
         return scale
 
-    def locate(self, what: str, x: ArrayLike) -> tuple[IntArray, Array]:
-        """Return element indices and element coordinates of the points x, both of the shape of x.
+    def locate(self, x: ArrayLike, what: str = "") -> tuple[IntArray, Array]:
+        """Return elements and places in them, from 0 to 1, of points x (m), both of the shape of x.
 
         At a node the element to its right is taken (the last node: to its left).
+
+        Parameters
+        ----------
+        x : array_like
+        what : str
+            What x is, for messages.
         """
+        what = what or f"a point of {self.label}"
         arc = array(what, x) - self.origin
         slack = 1e-9 * self.length
         if np.any(arc < -slack) or np.any(arc > self.length + slack):
@@ -88,23 +145,30 @@ class Axis:
         xi = np.where(at_end | (xi < snap), 0.0, np.where(xi > 1.0 - snap, 1.0, xi))
         return element, xi
 
-    def cubics(self, x: ArrayLike, derivative: int) -> tuple[IntArray, Array]:
-        """Return degrees of freedom and weights of a derivative of eta at x, each of shape (len(x), 4)."""
-        element, xi = self.locate(f"a point of {self.label}", np.atleast_1d(array(f"a point of {self.label}", x)))
-        h = self.element_lengths[element]
-        weights = np.stack([hermite(i, xi, h, derivative) for i in range(4)], axis=1)
-        return 2 * element[:, None] + np.arange(4), weights
+    def at(self, where: float | str) -> Point:
+        """Return the point at x (m, any place on the axis), at "left" or "right", or at a named point of a mesh.
 
-    def position(self, what: str, where: Any) -> float:
-        """Return the x in m of a point given by its x, as "left" or "right", or by the name of one node."""
+        Raises
+        ------
+        ArgumentError
+            If the point is not on the beam, or a name is unknown or names several nodes.
+        """
+        what = f"a point of {self.label}"
         if isinstance(where, str):
-            return float(self.nodes[self._named_node(what, where)])
+            return Point(self, float(self.nodes[self._named_node(what, where)]))
         x = number(what, where)
-        self.locate(what, x)
-        return x
+        self.locate(x, what)
+        return Point(self, x)
 
-    def node(self, what: str, where: Any) -> int:
-        """Return the one node at an x or of a name."""
+    def node_at(self, where: Any) -> int:
+        """Return the number of the node at "left", "right", a named point or x, counted from the left.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no node at x, or a name is unknown or names several nodes.
+        """
+        what = f"a node of {self.label}"
         return self._named_node(what, where) if isinstance(where, str) else self._node_by_x(what, where)
 
     def nodes_at(self, what: str, where: Any) -> IntArray:
@@ -128,7 +192,7 @@ class Axis:
         return int(nodes[0])
 
     def _node_by_x(self, what: str, where: Any) -> int:
-        element, xi = self.locate(what, number(what, where))
+        element, xi = self.locate(number(what, where), what)
         if xi not in (0.0, 1.0):
             left, right = self.nodes[int(element)], self.nodes[int(element) + 1]
             cure = "Put a node there in the mesh" if self.mesh else "Give elements= the x of all nodes with this one"
@@ -137,50 +201,40 @@ class Axis:
             )
         return int(element) + int(xi == 1.0)
 
+    # -- fields -----------------------------------------------------------------------------------
 
-def axis_of(label: str, length: float, elements: Any) -> Axis:
-    """Return the axis of a beam.
+    def _cubics(self, x: ArrayLike, derivative: int) -> tuple[IntArray, Array]:
+        """Return degrees of freedom and weights of a derivative of eta at x, each of shape (len(x), 4)."""
+        element, xi = self.locate(np.atleast_1d(array(f"a point of {self.label}", x)))
+        h = self.element_lengths[element]
+        weights = np.stack([hermite(i, xi, h, derivative) for i in range(4)], axis=1)
+        return 2 * element[:, None] + np.arange(4), weights
 
-    Parameters
-    ----------
-    label : str
-        The beam, for messages.
-    length : float
-        Length of the axis, m, positive.
-    elements : int, array_like or LineMesh
-        The number of equal elements, the x of all nodes, or a mesh.
+    def field_matrix(self, x: ArrayLike, derivative: int = 0) -> csr_matrix:
+        """Return the matrix that takes the degrees of freedom to a derivative of eta at x.
 
-    Raises
-    ------
-    ArgumentError
-        If the nodes do not increase, do not span the length, or are too many.
-    """
-    if isinstance(elements, LineMesh):
-        return Axis(label, length, elements.origin, elements.arc, elements.lengths, elements)
-    if isinstance(elements, (int, np.integer)) and not isinstance(elements, bool):
-        return _equal_elements(label, length, int(elements))
-    if isinstance(elements, (float, str, bool)):
-        raise ArgumentError(f"{label}: elements is {elements!r}, expected a whole number or the x of all nodes")
-    return _between_nodes(label, length, array(f"{label}: elements", elements))
+        At a node the value is that of the element to its right, and at the last node that of the element to its left.
 
+        Parameters
+        ----------
+        x : array_like, shape (k,)
+            Place on the axis, m.
+        derivative : int
+            0 to 3.
 
-def _equal_elements(label: str, length: float, count: int) -> Axis:
-    if not 1 <= count <= _MOST_ELEMENTS:
-        raise ArgumentError(f"{label}: elements is {count}, expected 1 to {_MOST_ELEMENTS}")
-    arc = np.arange(count + 1, dtype=float) * (length / count)
-    arc[-1] = length
-    return Axis(label, length, 0.0, arc, np.full(count, length / count))
+        Returns
+        -------
+        csr_matrix, shape (k, size)
+        """
+        from scipy.sparse import csr_matrix
 
+        columns, weights = self._cubics(x, derivative)
+        count = weights.shape[0]
+        ends = 4 * np.arange(count + 1)
+        return csr_matrix((weights.ravel(), columns.ravel(), ends), shape=(count, self.size))
 
-def _between_nodes(label: str, length: float, nodes: Array) -> Axis:
-    if nodes.ndim != 1 or nodes.size < 2:
-        raise ArgumentError(f"{label}: elements has shape {nodes.shape}, expected the x of two or more nodes")
-    lengths = np.diff(nodes)
-    if np.any(lengths <= 0):
-        k = int(np.argmax(lengths <= 0))
-        raise ArgumentError(
-            f"{label}: node x must increase, found x[{k}] = {nodes[k]:g} followed by x[{k + 1}] = {nodes[k + 1]:g}"
-        )
-    if not np.isclose(nodes[-1] - nodes[0], length, rtol=1e-9, atol=0.0):
-        raise ArgumentError(f"{label}: the nodes span {nodes[-1] - nodes[0]:g} m, expected the length {length:g} m")
-    return Axis(label, length, float(nodes[0]), nodes - nodes[0], lengths)
+    def row_at(self, x: float, derivative: int = 0) -> Row:
+        """Return the row of eta or of a derivative at x; one entry at a node, four between nodes."""
+        columns, weights = self._cubics([x], derivative)
+        keep: NDArray[np.bool_] = weights[0] != 0.0
+        return Row(columns[0][keep], weights[0][keep])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,74 +97,22 @@ class Shape:
     direction: tuple[float, float] = (0.0, 1.0)
 
 
-@runtime_checkable
-class Body(Protocol):
+class Body:
     """A thing with mass. Bodies compare and hash by identity.
 
-    A class written outside may inherit `BaseBody`, which offers all that follows from the rest.
+    `Beam` and `Mass` derive from it, and so can a class that is written outside the package. A subclass sets `name` and
+    offers `size`, `degrees_of_freedom`, `matrices` and `shape`; all else follows from these. The methods suit bodies
+    whose degrees of freedom are displacements in one direction. A body with rotations overrides `rigid_motions` and
+    `interpolate`.
     """
 
     name: str
 
-    @property
-    def size(self) -> int:
-        """Number of degrees of freedom, supported ones included."""
-
-    @property
-    def degrees_of_freedom(self) -> DegreesOfFreedom:
-        """Place and kind of every degree of freedom."""
-
-    def matrices(self) -> BodyMatrices:
-        """Return mass, stiffness, damping and supports."""
-
-    def strain_rows(self) -> csr_matrix | Array | None:
-        """Return D, shape (n_strains, size), with stiffness ``D'D``; None where K is no sum of squares."""
-
-    def translation(self) -> Array:
-        """Return the degrees of freedom, shape (size,), of a unit displacement upward as a rigid body."""
-
-    def rigid_motions(self) -> Array:
-        """Return a basis, shape (size, r), of the motions that strain the body not at all, supports aside."""
-
-    def interpolate(self, field: Any, what: str) -> Array:
-        """Return the degrees of freedom, shape (size,), of an initial field."""
-
-    @property
-    def shape(self) -> Shape:
-        """How the body lies and moves in a picture."""
-
-    def sections(self) -> Mapping[str, Any]:
-        """Return what else is known along the shape: matrices, shape (k, size), by name and unit, ``"force [N]"``."""
-
-    def resolve(self, point: Point) -> Row:
-        """Return the row, on this body, of a point of a body of the same name: of another mesh, or of a saved run."""
-
-    def supported_at(self, where: Any) -> IntArray:
-        """Return the supported degrees of freedom at a place, or raise `ArgumentError` where there are none."""
-
-    @property
-    def label(self) -> str:
-        """Kind and name for messages, such as ``Beam 'deck'``."""
-
-    def summary(self) -> str:
-        """Return one line for `vofem.explain`."""
-
-
-class BaseBody:
-    """Base class of bodies, which derives common methods from degrees of freedom, matrices and shape.
-
-    A subclass sets `name` and offers `size`, `degrees_of_freedom`, `matrices`
-    and `shape`. A body that is written outside the package may inherit from it. The methods suit bodies whose degrees
-    of freedom are displacements in one direction. A body with rotations overrides `rigid_motions` and `interpolate`.
-    """
-
-    name: str
-
-    if TYPE_CHECKING:
+    if TYPE_CHECKING:  # as attributes or as properties
 
         @property
         def size(self) -> int:
-            """Number of degrees of freedom."""
+            """Number of degrees of freedom, supported ones included."""
 
         @property
         def degrees_of_freedom(self) -> DegreesOfFreedom:
@@ -174,8 +122,9 @@ class BaseBody:
         def shape(self) -> Shape:
             """How the body lies and moves in a picture."""
 
-        def matrices(self) -> BodyMatrices:
-            """Return mass, stiffness, damping and supports."""
+    def matrices(self) -> BodyMatrices:
+        """Return mass, stiffness, damping and supports."""
+        raise NotImplementedError(f"{type(self).__name__} has no method matrices")
 
     @property
     def label(self) -> str:
@@ -183,34 +132,34 @@ class BaseBody:
         return f"{type(self).__name__} {self.name!r}"
 
     def summary(self) -> str:
-        """Return kind, name and number of degrees of freedom."""
+        """Return one line for `vofem.explain`: kind, name and number of degrees of freedom."""
         return f"{self.label}: {self.size} degrees of freedom"
 
     def describe(self) -> str:
-        """Return kind, name and number of degrees of freedom."""
+        """Return the summary."""
         return self.summary()
 
     def strain_rows(self) -> csr_matrix | Array | None:
-        """Return None, because K is not known as a sum of squares."""
+        """Return D, shape (n_strains, size), with stiffness ``D'D``; None where K is not known as a sum of squares."""
         return None
 
     def sections(self) -> Mapping[str, Any]:
-        """Return nothing."""
+        """Return what else is known along the shape: matrices, shape (k, size), by name and unit, ``"force [N]"``."""
         return {}
 
     def translation(self) -> Array:
-        """Return the unit displacement upward: zero where the body moves along its axis."""
+        """Return the degrees of freedom, shape (size,), of a unit displacement upward; zero along the axis."""
         return np.where(self.degrees_of_freedom.rotation, 0.0, self.shape.direction[1])
 
     def rigid_motions(self) -> Array:
-        """Return the equal displacement of all degrees of freedom, if nothing resists it."""
+        """Return a basis, shape (size, r), of the motions that do not strain the body, supports aside."""
         motion = np.where(self.degrees_of_freedom.rotation, 0.0, 1.0)[:, None]
         stiffness = self.matrices().stiffness
         resisted = np.abs(stiffness @ motion) > 1e-12 * (abs(stiffness) @ motion)
         return motion[:, : 0 if np.any(resisted) else 1]
 
     def interpolate(self, field: Any, what: str) -> Array:
-        """Return the values of a field, a number or a callable of x, at the places of the degrees of freedom."""
+        """Return the degrees of freedom, shape (size,), of an initial field: a number or a callable of x."""
         known = self.degrees_of_freedom
         if np.any(known.rotation):
             raise ArgumentError(f"{what} of {self.label}: this body says nothing of fields; start from an outcome")
@@ -224,20 +173,20 @@ class BaseBody:
         values[held] = 0.0
         return values
 
-    def at(self, where: float | str) -> BodyPoint:
+    def at(self, where: float | str) -> Point:
         """Return the point at x (m), or at "left" or "right"; between the places of the shape u is linear in x."""
         x = self.shape.x
         if isinstance(where, str):
             ends = {"left": float(x[0]), "right": float(x[-1])}
             if where not in ends:
                 raise ArgumentError(f"a point of {self.label} is {where!r}, expected an x, 'left' or 'right'")
-            return BodyPoint(self, ends[where])
+            return Point(self, ends[where])
         place, slack = number(f"a point of {self.label}", where), 1e-9 * (x[-1] - x[0])
         if not x[0] - slack <= place <= x[-1] + slack:
             raise ArgumentError(
                 f"a point of {self.label} is {place:g} m, expected a place from {x[0]:g} to {x[-1]:g} m"
             )
-        return BodyPoint(self, place)
+        return Point(self, place)
 
     def row_at(self, x: float, derivative: int = 0) -> Row:
         """Return the row of the displacement at x: that of a place of the shape, or between two in proportion."""
@@ -257,7 +206,7 @@ class BaseBody:
 
     def resolve(self, point: Point) -> Row:
         """Return the row of a point. A point of another body stands for the point of this body at the same x."""
-        return point.row() if point.body is self else self.at(place_of(point)).row()
+        return point.row() if point.body is self else self.at(point.x).row()
 
     def supported_at(self, where: Any) -> IntArray:
         """Return the supported degrees of freedom at x, "left" or "right"."""
@@ -270,8 +219,8 @@ class BaseBody:
         return found
 
 
-class BodyPoint:
-    """A point on the axis of a body, by its x; made by `Beam.at` and `BaseBody.at`.
+class Point:
+    """A point on the axis of a body, by its x; made by `Beam.at` and `Body.at`. A `Mass` is a point itself.
 
     Attributes
     ----------
@@ -280,9 +229,11 @@ class BodyPoint:
         Place on the axis, m.
     """
 
+    body: Any
+    x: float
+
     def __init__(self, body: Any, x: float) -> None:
-        self.body = body
-        self.x = x
+        self.body, self.x = body, x
 
     @property
     def name(self) -> str:
@@ -307,7 +258,7 @@ class BodyPoint:
         return f"{self.body.label} at x = {self.x:g} m"
 
 
-def touching(effect: Any, bodies: Mapping[Any, Any], moved: Callable[[BodyPoint, Any], Any]) -> Any:
+def touching(effect: Any, bodies: Mapping[Any, Any], moved: Callable[[Point, Any], Any]) -> Any:
     """Return an effect as a copy that touches other bodies; the effect itself where it touches none of them.
 
     Parameters
@@ -320,13 +271,12 @@ def touching(effect: Any, bodies: Mapping[Any, Any], moved: Callable[[BodyPoint,
     """
     changes = {}
     for name, value in vars(effect).items():
-        if isinstance(value, BodyPoint):
-            if value.body in bodies:
-                changes[name] = moved(value, bodies[value.body])
-            continue
-        for old, new in bodies.items():
-            if old is value:
-                changes[name] = new
+        if isinstance(value, Body):
+            if value in bodies:
+                changes[name] = bodies[value]
+        elif isinstance(value, Point) and value.body in bodies:
+            new = bodies[value.body]
+            changes[name] = new.along(value.path) if hasattr(value, "path") else moved(value, new)
     if not changes:
         return effect
     made = copy.copy(effect)
@@ -335,35 +285,9 @@ def touching(effect: Any, bodies: Mapping[Any, Any], moved: Callable[[BodyPoint,
     return made
 
 
-class Point(Protocol):
-    """A place where a body can be touched."""
-
-    @property
-    def name(self) -> str:
-        """A name, such as ``beam@1.0``."""
-
-    @property
-    def body(self) -> Body:
-        """The body that the point lies on."""
-
-    def row(self) -> Row:
-        """Return the row of the displacement eta."""
-
-    def slope_row(self) -> Row:
-        """Return the row of the slope d(eta)/dx."""
-
-    def describe(self) -> str:
-        """Return a name for messages, such as ``Beam 'beam-1' at x = 1 m``."""
-
-
-def place_of(point: Point) -> float:
-    """Return the x of a point on its body in m; 0 where the body is a point, such as a mass."""
-    return float(getattr(point, "x", 0.0))
-
-
 def as_point(what: str, value: Any) -> Point:
     """Return `value` if it is a point, else raise `ArgumentError` naming `what`."""
-    if isinstance(getattr(value, "row", None), Callable) and hasattr(value, "body"):  # type: ignore[arg-type]
+    if isinstance(value, Point):
         return value
     hint = "; take a point of it with .at(x)" if hasattr(value, "at") else ""
     raise ArgumentError(f"{what} is {value!r}, expected a point: beam.at(x) or a Mass{hint}")

@@ -109,7 +109,7 @@ class Coefficient:
     def with_slope(self, x: ArrayLike) -> tuple[Array, Array]:
         """Return value and derivative by x at the points x, each of shape (k,); at a node, to its right."""
         x = np.atleast_1d(array(f"a point of {self.axis.label}", x))
-        element, xi = self.axis.locate(f"a point of {self.axis.label}", x)
+        element, xi = self.axis.locate(x)
         if np.ndim(self.value) == 1:
             return self.value[element], np.zeros(x.shape)
         if not callable(self.value):

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from vofem._validate import TINY, number, wrong
-from vofem.bodies.base import Array, BodyMatrices, DegreesOfFreedom, IntArray, Point, Row, Shape
+from vofem.bodies.base import Array, Body, BodyMatrices, DegreesOfFreedom, IntArray, Point, Row, Shape
 from vofem.errors import ArgumentError
 from vofem.parameters import CHOSEN, Name, Real, declared
 from vofem.parameters.place import Invalid, Place
@@ -40,7 +40,7 @@ class MassOf(Real):
 
 
 @declared()
-class Mass:
+class Mass(Body, Point):
     """A mass on a spring and a dashpot to ground: ``m u'' + c u' + k u = f``.
 
     It is a body with one degree of freedom. Where a point is asked for, the mass itself is given.
@@ -63,6 +63,9 @@ class Mass:
     def __repr__(self) -> str:
         return f"Mass(mass={self.mass:g}, stiffness={self.stiffness:g}, damping={self.damping:g}, name={self.name!r})"
 
+    #: As a point, a mass lies at x = 0 of itself.
+    x = 0.0
+
     @property
     def body(self) -> Mass:
         """The mass itself: it is its own point."""
@@ -83,14 +86,6 @@ class Mass:
         """A block that moves upward."""
         return _BLOCK
 
-    def sections(self) -> dict[str, Any]:
-        """Return nothing."""
-        return {}
-
-    def resolve(self, point: Point) -> Row:
-        """Return the row of its displacement."""
-        return self.row()
-
     def supported_at(self, where: Any) -> IntArray:
         """Raise an error, because a mass has no supports."""
         raise ArgumentError(f"{self.label} has no supports; it rests on its spring and on effects")
@@ -105,21 +100,15 @@ class Mass:
             scale=np.ones(1),
         )
 
-    def row(self) -> Row:
+    def row_at(self, x: float, derivative: int = 0) -> Row:
         """Return the row of its displacement."""
+        if derivative:
+            raise ArgumentError(f"{self.label} has no slope; moments and rotational springs need a beam")
         return Row(np.zeros(1, dtype=np.int64), np.ones(1))
-
-    def slope_row(self) -> Row:
-        """Raise an error, because a mass has no slope."""
-        raise ArgumentError(f"Mass {self.name!r} has no slope; moments and rotational springs need a beam")
 
     def strain_rows(self) -> Array:
         """Return the root of the stiffness."""
         return np.array([[np.sqrt(self.stiffness)]])
-
-    def translation(self) -> Array:
-        """Return one."""
-        return np.ones(1)
 
     def rigid_motions(self) -> Array:
         """Return the translation, or nothing where a spring ties the mass to ground."""
@@ -130,11 +119,6 @@ class Mass:
         if callable(field):
             raise ArgumentError(f"{what} of Mass {self.name!r} is a callable, expected a number")
         return np.array([number(f"{what} of Mass {self.name!r}", field)])
-
-    @property
-    def label(self) -> str:
-        """Kind and name."""
-        return f"Mass {self.name!r}"
 
     def describe(self) -> str:
         """Return its name, as a point."""

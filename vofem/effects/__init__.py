@@ -11,6 +11,7 @@ from vofem.effects.contact import Resolved as Resolved
 from vofem.effects.damping import ModalDamping as ModalDamping
 from vofem.effects.damping import RayleighDamping as RayleighDamping
 from vofem.effects.foundation import Foundation as Foundation
+from vofem.effects.friction import Friction as Friction
 from vofem.effects.hysteretic_spring import CrushingStop as CrushingStop
 from vofem.effects.hysteretic_spring import HystereticSpring as HystereticSpring
 from vofem.effects.jenkins import BilinearSpring as BilinearSpring
@@ -21,6 +22,7 @@ from vofem.effects.loads import Gravity as Gravity
 from vofem.effects.loads import PointLoad as PointLoad
 from vofem.effects.loads import PointMoment as PointMoment
 from vofem.effects.nonlinear_spring import NonlinearSpring as NonlinearSpring
+from vofem.effects.rigid_stop import RigidStop as RigidStop
 from vofem.effects.softening import LinearSoftening as LinearSoftening
 from vofem.effects.springpot import Springpot as Springpot
 from vofem.time_functions import Constant as Constant

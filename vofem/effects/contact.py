@@ -9,8 +9,9 @@ import numpy as np
 
 from vofem._validate import wrong
 from vofem.assembly import ContactEntry, SystemBuilder
-from vofem.bodies.base import Point
-from vofem.effects.kinds import AtPoint, End, Named
+from vofem.bodies.base import Body, Point
+from vofem.bodies.path import TravellingPoint
+from vofem.effects.kinds import AtPoint, Named, TravellingEnd
 from vofem.effects.side import Side, distinct, side_of
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
@@ -76,7 +77,8 @@ class Contact(TwoPoints):
 
     Let eta be the displacement of point a, positive upward. The gap function is
     ``s = u_a - u_b - gap`` between two points, ``s = -eta - gap`` for a stop
-    below, and ``s = eta - gap`` for a stop above. The contact is closed while
+    below, and ``s = eta - gap`` for a stop above. Where the base of a body moves,
+    eta is counted from the base, or from space for a stop with ``frame="space"``. The contact is closed while
     ``s > 0``, and s is then the penetration. A closed contact pushes the bodies
     apart (Eqs. 8-13 and 15-18 of the paper). A contact with a damper opens at
     zero penetration and not at zero force; its force can therefore be negative
@@ -91,7 +93,7 @@ class Contact(TwoPoints):
 
     symbol = "stop"
 
-    a: End
+    a: TravellingEnd
     b: Annotated[
         Point | None,
         AtPoint(
@@ -118,6 +120,15 @@ class Contact(TwoPoints):
         ),
     ] = None
     switch: Annotated[Literal["ideal"] | Resolved, Switch()] = "ideal"
+    frame: Annotated[
+        Literal["base", "space"],
+        Choice(
+            ("base", "space"),
+            'Where a fixed stop stands if the base of the body moves: "base" on the base, "space" in space, so that it '
+            "sees the displacement of the body and that of the base together. It needs the displacement and the "
+            "velocity of the base at t = 0, see `BaseMotion`.",
+        ),
+    ] = "base"
     name: Named = CHOSEN
 
     @rule("b", "a")
@@ -128,6 +139,14 @@ class Contact(TwoPoints):
     def _side_of_a_stop(self) -> None:
         side_of(label_of(self), "a contact", self.b, self.side)
 
+    @rule("frame", "b")
+    def _frame_of_a_stop(self) -> None:
+        if self.b is not None and self.frame != "base":
+            raise ArgumentError(
+                f"{label_of(self)}: frame is {self.frame!r}, but a contact between two points stands on neither base "
+                "nor space; remove it. Where the bases of both bodies move differently, it sees both displacements"
+            )
+
     @rule("gap", "acts_on")
     def _preload(self) -> None:
         if self.acts_on == "displacement" and self.gap < 0:
@@ -136,12 +155,24 @@ class Contact(TwoPoints):
                 "with acts_on='displacement'", "; a preloaded contact needs acts_on='penetration'",
             )  # fmt: skip
 
+    @property
+    def bases(self) -> tuple[tuple[Body, float], ...]:
+        """The bodies whose bases' displacements the contact may see, with the signs with which these enter."""
+        if self.of == "rotation":
+            return ()
+        if self.b is not None:
+            return (self.a.body, 1.0), (self.b.body, -1.0)
+        return ((self.a.body, -1.0 if self.side == "below" else 1.0),) if self.frame == "space" else ()
+
     def compile(self, builder: SystemBuilder) -> None:
         """Add the contact's row and law."""
+        sign = -1.0 if self.side == "below" else 1.0
         builder.add_contact(
             ContactEntry(
                 name=self.name,
-                row=self._row(builder, -1.0 if self.side == "below" else 1.0),
+                row=self._row(builder, sign),
+                bases=self.bases,
+                track=(self.a, sign) if isinstance(self.a, TravellingPoint) else None,
                 gap=self.gap,
                 stiffness=self.stiffness,
                 damping=self.damping,
@@ -155,7 +186,8 @@ class Contact(TwoPoints):
         units = self.units
         damper = f", C0 = {self.damping:g} {units.damping}" if self.damping else ""
         switch = "" if self.switch == "ideal" else f", {self.switch!r}"
+        frame = ", in space" if self.frame == "space" else ""
         return (
-            f"Contact {self.name!r} {self._stop(self.side, self.gap)}, K0 = {self.stiffness:g} {units.stiffness}"
+            f"Contact {self.name!r} {self._stop(self.side, self.gap)}{frame}, K0 = {self.stiffness:g} {units.stiffness}"
             f"{damper}, acts on {self.acts_on}{switch}"
         )

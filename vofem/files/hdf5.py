@@ -42,11 +42,10 @@ _CHUNK = 2**20
 
 
 class GuardedFile(io.RawIOBase):
-    """A file under HDF5's feet that never fails: the first error is kept in `error`, and later writes go nowhere.
+    """A file object that hides the errors of writing from h5py, and keeps the first one in `error` for the caller.
 
-    HDF5 that meets a full disk can neither finish nor close its file, and is
-    left in a state that ends the process. HDF5 is told that all went well
-    instead; whoever writes looks at `error`.
+    h5py crashes when a disk is full: HDF5 can then neither finish nor close its file. So h5py is told that all went
+    well, and whatever it writes after the error is dropped.
 
     Parameters
     ----------
@@ -198,28 +197,6 @@ def reading(path: str | os.PathLike[str], expected: str = "a file that Result.sa
         raise
     except Exception as error:
         raise StorageError(f"{place} {_complaint(place, error, expected)}") from error
-
-
-def end_of_data(path: Path) -> int:
-    """Return where a file that `writing` has written ends, its trailer included; other data may follow.
-
-    Raises
-    ------
-    StorageError
-        If it is no such file, or damaged before that place.
-    """
-    with path.open("rb") as file:
-        head = file.read(_SUPERBLOCK.size)
-        if len(head) == _SUPERBLOCK.size:
-            signature, version, width, _, _, base, _, end = _SUPERBLOCK.unpack(head)
-            if signature == _SIGNATURE and version in (2, 3) and width == 8:
-                file.seek(base + end)
-                trailer = file.read(_TRAILER.size)
-                if len(trailer) == _TRAILER.size:
-                    magic, checksum = _TRAILER.unpack(trailer)
-                    if magic == _MAGIC and _checksum(file, base + end) == checksum:
-                        return int(base + end + _TRAILER.size)
-    raise StorageError(f"{path} is damaged, or was not written by vofem; take an undamaged copy, or begin anew")
 
 
 def _checksum(file: Any, size: int) -> int:

@@ -141,8 +141,8 @@ class ContactHistory:
     @property
     def gap_function(self) -> Array:
         """The gap function s in m, shape (n_times,); positive is penetration."""
-        u = self._run.samples.along(self._laws.rows[[self._index]], "q")[0]
-        return u - self._laws.gap[self._index]
+        run, laws, index = self._run, self._laws, self._index
+        return laws.gap_function(run.samples, index, run.times)
 
     @property
     def order(self) -> Array:

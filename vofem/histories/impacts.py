@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,9 +14,13 @@ from vofem.errors import ArgumentError
 from vofem.histories.run import Run
 from vofem.histories.table import Table
 from vofem.histories.touches import RESOLVED, Parts, Span, Touches, resolve, spans_of
-from vofem.system import ContactLaws
+from vofem.system import OPEN, ContactLaws
+
+if TYPE_CHECKING:
+    from vofem.integrators.event_driven.bounces import Bounces
 
 Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 #: A contact with a penetration at t = 0 beyond this share of gap and displacement counts as closed before t = 0.
 _AT_GAP = 1e-9
@@ -46,7 +50,7 @@ class Impacts:
         Rate at which the gap closes at `closing`, and at which it opens at `opening`, m/s. NaN where the contact does
         not close or open within the run.
     peak_force : ndarray, shape (n,)
-        The force of largest magnitude, N.
+        The force of largest magnitude, N; inf for an impact on a rigid stop.
     peak_time : ndarray, shape (n,)
         Time at which it is reached, s.
     impulse : ndarray, shape (n,)
@@ -242,7 +246,23 @@ class ImpactRecord:
         span = spans_of(run, index)
         self.span = Span(span.begin[:most], span.end[:most], span.ended[:most])
         self._touches, self._why = self._resolved(tolerance)
+        self._bounces = self._bounces_of_spans() if laws.rigid[index] else None
         self._approach, self._departure = self._speeds()
+
+    def _bounces_of_spans(self) -> tuple[IntArray, Array, Bounces]:
+        """Return the spans of the impacts on a rigid stop, their times in s, and the impacts."""
+        solution: Any = self._run.solution
+        events, every = solution.events, solution.bounces
+        mine = (events.contact == self._index) & (events.time <= solution.t_end)
+        touching = np.append(events.initial[self._index], events.status[mine]) != OPEN
+        number = np.cumsum(touching[1:] & ~touching[:-1]) - (0 if touching[0] else 1)
+        own = every.contact == self._index
+        span = np.full(events.time.size, -1)
+        span[mine] = number
+        bounces = type(every)(*(values[own] for values in every))
+        kept = span[bounces.event] < self.span.begin.size
+        bounces = type(every)(*(values[kept] for values in bounces))
+        return span[bounces.event], events.time[bounces.event], bounces
 
     def _resolved(self, tolerance: float) -> tuple[Touches, str]:
         """Return force and rate over all stretches that the run knows, and why not over all."""
@@ -255,12 +275,11 @@ class ImpactRecord:
     def _rate_at(self, times: Array) -> tuple[Array, Array]:
         """Return gap function and its rate at some times; NaN where the run does not know them."""
         laws, index = self._laws, self._index
-        row = laws.rows[[index]]
         try:
             samples = self._run.solution.sample(times)
         except ArgumentError:
             return np.full(times.size, np.nan), np.full(times.size, np.nan)
-        return samples.along(row, "q")[0] - laws.gap[index], samples.along(row, "v")[0]
+        return laws.gap_function(samples, index, times), laws.gap_rate(samples, index, times)
 
     def _stored(self, times: Array) -> Array:
         """Return the energy in J that the contact stores at some times, of the same shape."""
@@ -276,6 +295,15 @@ class ImpactRecord:
         gap, closing = self._rate_at(span.begin)
         _, opening = self._rate_at(span.end)
         size = abs(float(self._laws.gap[self._index])) + np.abs(gap + self._laws.gap[self._index])
+        if self._bounces is not None:
+            of, _, bounces = self._bounces
+            approach, departure = np.full((2, span.begin.size), np.nan)
+            # The first impact of a span is its approach. One that ends without a bounce leaves slowly, as forces pull.
+            approach[of[::-1]] = bounces.approach[::-1]
+            departure[span.ended] = 0.0
+            bounced = span.end[of] == self._bounces[1]
+            departure[of[bounced]] = bounces.departure[bounced]
+            return approach, departure
         preloaded = (span.begin == 0.0) & (np.abs(gap) > _AT_GAP * size)
         return np.where(preloaded, np.nan, closing), np.where(span.ended, -opening, np.nan)
 
@@ -289,8 +317,17 @@ class ImpactRecord:
             found, of = touches.integrals(parts), touches.span[parts.panel]
             peak, peak_time = _largest(*touches.peaks(parts), of, n)
             impulse, work, absorbed = (
-                np.bincount(of, values, n) for values in (found.force, found.pressed, found.work)
+                np.bincount(of, values, n).astype(float) for values in (found.force, found.pressed, found.work)
             )
+            if self._bounces is not None:
+                of, times, bounces = self._bounces
+                # The force of an impact on a rigid stop has no bound. The last one of many that accumulate is nothing.
+                hard = (bounces.departure > 0.0) | (self._laws.restitution[self._index] == 0.0)
+                peak[of[hard]], peak_time[of[hard]] = np.inf, times[hard]
+                for total, more in zip(
+                    (impulse, work, absorbed), (bounces.impulse, bounces.pressed, bounces.lost), strict=True
+                ):
+                    total += np.bincount(of, more, n)
         return Impacts(
             self._laws.names[self._index], span.begin, span.end, span.ended, self._approach, self._departure, peak,
             peak_time, impulse, work, absorbed, touches.error, self._units, self._why,
@@ -317,6 +354,16 @@ class ImpactRecord:
             work, absorbed = float(found.pressed.sum()), float(found.work.sum() - stored[1] + stored[0])
             peaks, _ = self._touches.peaks(parts)
             peak = float(peaks[np.argmax(np.abs(peaks))]) if peaks.size else 0.0
+            if self._bounces is not None:
+                _, times, bounces = self._bounces
+                within = (times >= begin) & ((times < end) | (end >= t_end))
+                if within.any():
+                    peak = square = np.inf
+                impulse += float(bounces.impulse[within].sum())
+                work, absorbed = (
+                    work + float(bounces.pressed[within].sum()),
+                    absorbed + float(bounces.lost[within].sum()),
+                )
         return ContactStatistics(
             name=self._laws.names[self._index],
             begin=begin,

@@ -230,7 +230,9 @@ def resolve(
         if not run.solution.continuous:
             return Touches(span, low, high, *_fit(motion, low, high, _STEP))
         found = _adapted(motion, span, low, high, tolerance)
-        return _with_rates(found, run, float(laws.stiffness[index]), index) if elastic else found
+        # What rests at a rigid stop does not move.
+        with_rates = elastic and not laws.rigid[index]
+        return _with_rates(found, run, float(laws.stiffness[index]), index) if with_rates else found
     except ArgumentError:
         # A stepping run with few stored times knows the forces of its contacts at those times only.
         return None
@@ -248,7 +250,7 @@ class _Sampler:
     """Force of a contact and, where wanted, its rate at any times, in blocks that a bounded memory holds."""
 
     def __init__(self, run: Run, laws: ContactLaws, index: int, *, rates: bool) -> None:
-        self._solution, self._row, self._index, self._rates = run.solution, laws.rows[[index]], index, rates
+        self._solution, self._laws, self._index, self._rates = run.solution, laws, index, rates
         self._block = max(64, _NUMBERS // max(1, run.model.system.size + len(laws)))
 
     def on_panels(self, low: Array, high: Array, x: Array) -> tuple[Array, Array]:
@@ -273,7 +275,7 @@ class _Sampler:
             # One thread at a time, so that the forces that both need are computed once.
             force[part] = self._solution.contacts(times[part]).force[self._index]
             if self._rates:
-                rate[part] = self._solution.sample(times[part]).along(self._row, "v")[0]
+                rate[part] = self._laws.gap_rate(self._solution.sample(times[part]), self._index, times[part])
         return force, rate
 
 

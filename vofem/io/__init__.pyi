@@ -1,3 +1,3 @@
-from .interactive import show as show
 from .movies.animate import animate as animate
-from .off_screen import snapshot as snapshot
+from .space import show as show
+from .space import snapshot as snapshot

@@ -17,10 +17,10 @@ _STABLE = {True: "1", False: "0", None: ""}
 
 
 def write_branch(branch: Branch, point: Any, path: str | os.PathLike[str], parameter: str = "parameter") -> Path:
-    """Write a branch as CSV: a line for each orbit, with parameter, amplitude, stability and largest multiplier.
+    """Write a branch as CSV: a line for each orbit.
 
-    Special points are lines among the orbits, with their kind. Stability (1 or 0) and multipliers are empty if they
-    are not known.
+    It has the parameter, the frequency, the amplitude, the stability and the largest multiplier. Special points are
+    lines among the orbits, with their kind. Stability (1 or 0) and multipliers are empty if they are not known.
 
     Parameters
     ----------
@@ -50,9 +50,11 @@ def write_branch(branch: Branch, point: Any, path: str | os.PathLike[str], param
     rows.sort(key=lambda row: row[0])
     orbits = [orbit for _, _, orbit, _ in rows]
     extremes = np.array([orbit.extremes(place) for orbit in orbits]).reshape(-1, 2)
+    omega = np.array([orbit.omega for orbit in orbits])
     columns: dict[str, Any] = {
         parameter: np.array([value for _, value, _, _ in rows]),
-        "angular frequency [rad/s]": np.array([orbit.omega for orbit in orbits]),
+        "frequency [Hz]": omega / (2.0 * np.pi),
+        "angular frequency [rad/s]": omega,
         f"{place.name} amplitude [m]": 0.5 * (extremes[:, 1] - extremes[:, 0]),
         f"{place.name} least [m]": extremes[:, 0],
         f"{place.name} largest [m]": extremes[:, 1],

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from importlib import metadata
 
 from vofem._version import __version__
-from vofem.io.interactive import graphics_fault
+from vofem.io.space import graphics_fault
 
 #: Distributions that vofem uses.
 REQUIRED = ("numpy", "scipy", "scikit-fem", "numba", "matplotlib", "pyvista", "vtk", "meshio", "h5py", "threadpoolctl")

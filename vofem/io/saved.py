@@ -52,18 +52,17 @@ def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
     """
     from vofem.files.hdf5 import reading
     from vofem.io.storage import branch_file, run_file
-    from vofem.studies.sweep.store import holds_sweep, stored_sweep
+    from vofem.studies.sweep.store import holds, stored_sweep
 
-    # Behind the table of a store there are rows that are not in it yet, which no other file has.
-    if holds_sweep(path):
-        return stored_sweep(Path(path))
     with reading(path) as file:
-        what = branch_file.holds(file)
-        if not what:
-            return run_file.read(file, scene)
-        if scene is not None:
-            raise ArgumentError(f"load: {path} holds a {what} with its scenes, expected a run; leave out scene=")
-        return branch_file.read(file)
+        if not holds(file):
+            what = branch_file.holds(file)
+            if not what:
+                return run_file.read(file, scene)
+            if scene is not None:
+                raise ArgumentError(f"load: {path} holds a {what} with its scenes, expected a run; leave out scene=")
+            return branch_file.read(file)
+    return stored_sweep(Path(path))
 
 
 def resume(

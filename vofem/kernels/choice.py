@@ -22,7 +22,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 #: Seconds of processor time after which work in plain Python is given up: about what compiling its kernels takes, and
 #: what importing numba and reading them takes where they are on disk. The speed of the machine is not measured: with
 #: figures that are wrong by a factor f, work takes at most 1 + f times the time of the better choice.
-COMPILING, READING = 4.0, 0.6
+COMPILING, READING = 8.0, 0.6
 
 _ready: set[str] = set()
 _spent: dict[str, float] = {}

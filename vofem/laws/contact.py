@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from vofem.kernels.jit import jit
 from vofem.laws.group import LawGroup
 from vofem.laws.law import CLOSED, DAMPING, FORCE, JUMP, KINK, MEAN, OPEN, PINNED, STORED, TANGENT, Law
+from vofem.laws.moving import Moving, gathered
 from vofem.laws.resolved import resolved_contact, steepest, switch
 
 if TYPE_CHECKING:
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
+
+#: Distance in m at which a contact stands open that is not on its beam.
+_AWAY = 1.0
 
 #: Width, as a fraction of the gap, over which compiled loops spread the jump of the displacement law.
 _RAMP = 1e-12
@@ -50,6 +54,10 @@ class ContactLaws(LawGroup):
         Whether the force acts on the whole displacement.
     resolution : ndarray, shape (n_contacts,)
         s0 in 1/m of the resolved switch; inf for the ideal one.
+    restitution : ndarray, shape (n_contacts,)
+        Coefficient of restitution of rigid stops, whose stiffness is 0 here; NaN for elastic contacts.
+    moving : Moving, optional
+        What is added to the coordinates ``b.q`` because stops and bases move; None where they do not.
     """
 
     kind: ClassVar[str] = "contacts"
@@ -62,20 +70,63 @@ class ContactLaws(LawGroup):
     damping: Array
     jump: NDArray[np.bool_]
     resolution: Array
+    restitution: Array
+    moving: Moving | None = None
 
     @classmethod
     def gather(cls, rows: csr_matrix, laws: tuple[Any, ...]) -> ContactLaws:
         """Return the group of some contacts, whose attributes are named as those of the group."""
         numbers = {
             name: np.array([getattr(law, name) for law in laws])
-            for name in ("gap", "stiffness", "damping", "jump", "resolution")
+            for name in ("gap", "stiffness", "damping", "jump", "resolution", "restitution")
         }
-        return cls(tuple(law.name for law in laws), rows, **numbers)
+        return cls(tuple(law.name for law in laws), rows, **numbers, moving=gathered(laws))
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Names with "Contact" before them."""
-        return tuple(f"Contact {name!r}" for name in self.names)
+        """Names with the class of their effect before them."""
+        kinds = np.where(self.rigid, "RigidStop", "Contact")
+        return tuple(f"{kind} {name!r}" for kind, name in zip(kinds, self.names, strict=True))
+
+    @cached_property
+    def rigid(self) -> NDArray[np.bool_]:
+        """Which are rigid stops, shape (n_contacts,)."""
+        return ~np.isnan(self.restitution)
+
+    # -- coordinates ----------------------------------------------------------------------------------
+
+    def gap_function(self, samples: Any, index: int, times: Array) -> Array:
+        """Return the gap function of one contact in m at the times of samples, which offer ``along(rows, "q")``."""
+        u = samples.along(self.rows[[index]], "q")[0]
+        return np.asarray(u + self._more(samples, times, 0)[index] - self.gap[index])
+
+    def gap_rate(self, samples: Any, index: int, times: Array) -> Array:
+        """Return the rate of the gap function of one contact in m/s at the times of samples."""
+        rate = samples.along(self.rows[[index]], "v")[0]
+        return np.asarray(rate + self._more(samples, times, 1)[index])
+
+    def _more(self, samples: Any, times: Array, rate: int) -> Array:
+        """Return what coordinates, or their rates, have beside the rows at rest, (n_contacts, n_times) or (n, 1)."""
+        if self.moving is None:
+            return np.zeros((len(self), 1))
+        if not self.moving.riders:
+            return self.moving.rate(times) if rate else self.moving.at(times)
+        if rate:
+            return self.moving.added_rates(samples.q, samples.v, times)
+        return self.moving.added(samples.q, times)
+
+    def shifted(self, start: float) -> ContactLaws:
+        """Return the contacts for a run that begins at a time in s."""
+        return self if self.moving is None else replace(self, moving=self.moving.shifted(start))
+
+    def _in_space(self) -> str:
+        assert self.moving is not None
+        return self.labels[int(np.argmax(np.any(self.moving.weights, axis=1)))]
+
+    @property
+    def away(self) -> Array:
+        """Coordinates at which the contacts are open."""
+        return np.minimum(self.gap, 0.0) - _AWAY
 
     @property
     def offset(self) -> Array:
@@ -92,8 +143,30 @@ class ContactLaws(LawGroup):
     def _resolved(self) -> str:
         return self.labels[int(np.argmax(np.isfinite(self.resolution)))]
 
+    def rigid_refusal(self, what: str) -> str | None:
+        """Return why something that needs finite forces cannot treat the contacts: only where stops are rigid."""
+        if not self.rigid.any():
+            return None
+        return (
+            f"{what} needs stops that yield, and {self.labels[int(np.argmax(self.rigid))]} is rigid: velocities jump. "
+            "Only simulate(method='event_driven') takes it; use a Contact with a large stiffness here, with a damper "
+            "for the restitution"
+        )
+
     def nonlinearity(self, method: str) -> str | None:
-        """Return why the force is not piecewise linear: only under a resolved switch."""
+        """Return why the force is not piecewise linear: under a resolved switch, or of jumps beside moving stops."""
+        if self.travelling is not None:
+            return (
+                f"{self.travelling} travels along a beam, so that the equations of motion depend on time while it is "
+                f"closed; {method} does not treat it"
+            )
+        if self.moving is not None and np.any(self.jump | self.rigid):
+            j = int(np.argmax(self.jump | self.rigid))
+            why = "is rigid" if self.rigid[j] else "acts on the displacement"
+            return (
+                f"{self._in_space()} sees the displacement of a base, and {self.labels[j]} {why}, so that it may rest "
+                f"at its gap; {method} does not treat both in one scene and needs acts_on='penetration'"
+            )
         if self.ideal:
             return None
         return (
@@ -101,10 +174,35 @@ class ContactLaws(LawGroup):
             "switch='ideal'"
         )
 
-    def statics_refusal(self, path: bool) -> str | None:
-        """Return why statics cannot treat the contacts: only under a resolved switch."""
-        if self.ideal:
+    def harmonic_refusal(self) -> str | None:
+        """Return why harmonic balance cannot treat the contacts: where bases move them, or stops are rigid."""
+        return self.moving_refusal("harmonic balance") or self.rigid_refusal("harmonic balance")
+
+    def moving_refusal(self, what: str) -> str | None:
+        """Return why something takes no contacts that bases move, and what to do instead; None where none is moved."""
+        if self.moving is None:
             return None
+        if self.travelling is not None:
+            return (
+                f"{self.travelling} travels along a beam, which {what} cannot take into account; simulate the scene, "
+                "or put the contact at a place of interest, beam.at(x)"
+            )
+        return (
+            f"{self._in_space()} sees the displacement of a base, which {what} cannot take into account; simulate the "
+            "scene, until it has settled where a steady state is wanted, or let stops stand on the base"
+        )
+
+    def statics_refusal(self, path: bool) -> str | None:
+        """Return why statics cannot treat the contacts: a resolved switch, a rigid stop, or a base that moves."""
+        if self.travelling is not None:
+            return self.moving_refusal("quasi_static" if path else "equilibrium")
+        if self.moving is not None:
+            return (
+                f"{'quasi_static' if path else 'equilibrium'} knows no time, and {self._in_space()} sees the "
+                "displacement of a base that moves; leave the BaseMotion out, or let the stop stand on the base"
+            )
+        if self.ideal:
+            return self.rigid_refusal("quasi_static" if path else "equilibrium")
         return (
             f"{'quasi_static' if path else 'equilibrium'} needs ideal switches; {self._resolved()} has a resolved one"
         )
@@ -165,6 +263,11 @@ class ContactLaws(LawGroup):
         tangent = np.where(beyond, self.stiffness, np.where(within, steep, 0.0))
         return reaction, tangent, np.where(beyond, CLOSED, np.where(within, PINNED, OPEN)).astype(np.int64)
 
+    def numbers(self) -> Array:
+        """Return all numbers that define the laws."""
+        elastic = super().numbers()
+        return np.append(elastic, np.nan_to_num(self.restitution, nan=-1.0)) if self.rigid.any() else elastic
+
     @cached_property
     def forms(self) -> tuple[Law, ...]:
         """The contacts one by one, as all methods but event_driven see them."""
@@ -193,7 +296,7 @@ def initial_status(laws: ContactLaws, q: Array, v: Array, size: Array | None = N
     size : ndarray, shape (n_contacts,), optional
         Sums of the magnitudes of the terms of ``rows @ q``, where they are known.
     """
-    u, rate = np.asarray(laws.rows @ q), np.asarray(laws.rows @ v)
+    u, rate = laws.coordinates(q[:, None], np.zeros(1))[:, 0], laws.rates(q[:, None], v[:, None], np.zeros(1))[:, 0]
     # An s below the rounding of the terms that u sums is zero.
     if size is None:
         size = np.asarray(abs(laws.rows) @ np.abs(q))

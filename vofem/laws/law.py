@@ -32,7 +32,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.kernels.jit import CompiledFunction, Intrinsic, compiled_anyhow, jit
+from vofem.kernels.jit import CompiledFunction, Intrinsic, jit
 from vofem.kernels.mode import compiled
 
 Array = NDArray[np.float64]
@@ -168,13 +168,10 @@ def _compiled_address(function: CompiledFunction) -> int:
     numbers = types.CPointer(types.float64)
     kind = types.float64(types.int64, numbers, numbers, types.float64, types.float64)
 
-    def made() -> Any:
-        try:
-            return cfunc(kind, cache=True)(function.prepared)
-        except RuntimeError:  # numba: "cannot cache function: no locator available"
-            return cfunc(kind)(function.prepared)
-
-    _KEPT.append(compiled_anyhow(made))
+    try:
+        _KEPT.append(cfunc(kind, cache=True, error_model="numpy")(function.prepared))
+    except RuntimeError:  # numba: "cannot cache function: no locator available"
+        _KEPT.append(cfunc(kind, error_model="numpy")(function.prepared))
     return int(_KEPT[-1].address)
 
 
@@ -229,11 +226,15 @@ def ask(laws: Laws, j: int, what: int, u0: float, u1: float) -> float:
 
 @jit
 def damper_over(laws: Laws, j: int, way: Way, u0: float, u1: float, r1: float) -> float:
-    """Return the mean force of the damper of law j over a step in N, or in explicit steps the force at its end."""
+    """Return the mean force of the damper of law j over a step in N, or in explicit steps the force at its end.
+
+    In explicit steps it acts from the middle of the step to that of the next one, so a contact that closes within this
+    time is damped for a part of it only. Otherwise errors would be of first order.
+    """
     if laws.table[j, DAMPED] == 0:
         return 0.0
     if way.explicit:
-        return ask(laws, j, DAMPING, u1, u1) * r1
+        return ask(laws, j, DAMPING, 0.5 * (u0 + u1), 1.5 * u1 - 0.5 * u0) * r1
     return ask(laws, j, DAMPING, u0, u1) * ((u1 - u0) / way.dt)
 
 

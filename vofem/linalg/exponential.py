@@ -261,3 +261,40 @@ def ramp_response(delta: float, p: float, t: float) -> float:
     """Return the response from rest of ``z'' + 2 delta z' + p z = t``."""
     first, second = roots(delta, p)
     return t * t * t * _ramp_difference(first * t, second * t).real
+
+
+@jit
+def power_response(delta: float, p: float, k: int, t: float) -> float:
+    """Return the response from rest of ``z'' + 2 delta z' + p z = t^k/k!`` while ``p t^2 < 1``."""
+    if 2.0 * delta * t < 4.0:
+        # Complete homogeneous symmetric polynomials of both roots, over factorials.
+        factor = 1.0
+        for i in range(k + 2):
+            factor *= t / (i + 1.0)
+        last, now, total = 0.0, 1.0, 0.0
+        for m in range(60):
+            total += factor * now
+            factor /= k + 3.0 + m
+            last, now = now, -2.0 * delta * t * now - p * t * t * last
+        return total
+    kappa = np.sqrt(max(delta * delta - p, 0.0))
+    slow, fast = -p / (delta + kappa), -(delta + kappa)
+    return (_first_order(slow, k, t) - _first_order(fast, k, t)) / (slow - fast)
+
+
+@jit
+def _first_order(root: float, k: int, t: float) -> float:
+    """Return the response from rest of ``z' = root z + t^k/k!`` for a root that is not positive."""
+    if -root * t > 1.0:
+        found, term = np.expm1(root * t) / root, 1.0
+        for i in range(1, k + 1):
+            term *= t / i
+            found = (found - term) / root
+        return found
+    factor, total = t, 0.0
+    for i in range(1, k + 1):
+        factor *= t / (i + 1.0)
+    for m in range(30):
+        total += factor
+        factor *= root * t / (k + 2.0 + m)
+    return total

@@ -95,7 +95,7 @@ def declared(
         order = sorted(known, key=lambda name: known[name].keyword * (1 + (name in inherited)))
         made._declarations = {name: known[name] for name in order}
         # What the constructor needs of them at each call. Without a check of its own, a kind takes any value.
-        made._named = "name" in known and isinstance(known["name"].kind, Name)
+        made._named = "name" in known and type(known["name"].kind) is Name
         made._checks = tuple(
             (name, one.kind.check, one.default is None, one.kind.choices if one.kind.needed else "")
             for name, one in made._declarations.items()

@@ -242,31 +242,16 @@ class Name(Kind):
 
 
 @dataclass(frozen=True)
-class Label(Kind):
+class Label(Name):
     """A name that may be left out: a string that is not empty, or None."""
 
     text: str = "Name by which `vofem.Parameter` finds it."
-
-    shown = "str"
-    expected = "a name, a string that is not empty"
 
     def check(self, what: str, value: Any) -> str | None:
         """Return the string, or None where there is none."""
         if value is not None and (not isinstance(value, str) or not value):
             raise ArgumentError(f"{what} is {value!r}, expected {self.expected}")
         return value
-
-    def read(self, value: Any, place: Place) -> str | Invalid:
-        """Return the string."""
-        return value if isinstance(value, str) and value else place.expected(self.expected, value)
-
-    def write(self, value: Any, book: Book) -> str:
-        """Return the string, if it is Unicode text."""
-        return Name().write(value, book)
-
-    def described(self) -> dict[str, Any]:
-        """Return a string."""
-        return {"type": "string", "minLength": 1, **super().described()}
 
 
 @dataclass(frozen=True)

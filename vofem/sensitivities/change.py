@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import nearest
-from vofem.bodies.base import Body, BodyPoint, touching
+from vofem.bodies.base import Body, Point, touching
 from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError
 from vofem.parameters import changed
@@ -30,7 +30,7 @@ PLACES = ("x", "a.x", "b.x", "point.x")
 #: Attributes of effects that are functions of time.
 FUNCTIONS = ("f", "acceleration")
 #: Numbers of functions of time by which their closed form is differentiated.
-_OFFUNCTIONS = {Sine: ("amplitude", "omega", "phase"), Constant: ("value",), Ramp: ("slope",), Scaled: ("factor",)}
+_OF_FUNCTIONS = {Sine: ("amplitude", "omega", "phase"), Constant: ("value",), Ramp: ("slope",), Scaled: ("factor",)}
 
 
 def check_field(scene: Scene, thing: Any, field: str, elements: tuple[int, ...] | None) -> None:
@@ -72,9 +72,9 @@ def _unknown(thing: Any, field: str) -> ArgumentError:
         known += INITIAL
     for name in FUNCTIONS:
         if (value := _function(thing, name)) is not None:
-            known += [f"{name}.{part}" for kind, parts in _OFFUNCTIONS.items() if isinstance(value, kind)
+            known += [f"{name}.{part}" for kind, parts in _OF_FUNCTIONS.items() if isinstance(value, kind)
                       for part in parts]  # fmt: skip
-    if any(isinstance(value, BodyPoint) for value in vars(thing).values()):
+    if any(_is_along(value) for value in vars(thing).values()):
         known.append("x")
     return ArgumentError(
         f"{thing.describe()}: there is no number {field!r} by which to differentiate{nearest(field, tuple(known))}; "
@@ -108,7 +108,7 @@ def function_at(thing: Any, field: str) -> tuple[str, Any, str, tuple[str, ...]]
     inner: Any = function
     for step in path[:-1]:
         inner = inner[int(step)] if isinstance(inner, tuple) and step.isdigit() else getattr(inner, step, None)
-    known = next((names for kind, names in _OFFUNCTIONS.items() if isinstance(inner, kind)), ())
+    known = next((names for kind, names in _OF_FUNCTIONS.items() if isinstance(inner, kind)), ())
     if not path or path[-1] not in known:
         if not function.closed_form:
             raise ArgumentError(
@@ -144,9 +144,14 @@ def with_function(function: Any, path: tuple[str, ...], change: Any) -> Any:
 # -- places and initial states ------------------------------------------------------------------------
 
 
+def _is_along(value: Any) -> bool:
+    """Return whether a value is a point along a body, which a mass as its own point is not."""
+    return isinstance(value, Point) and not isinstance(value, Body)
+
+
 def point_of(thing: Any, field: str) -> str:
     """Return the attribute that holds the point on a beam that a field such as "x" means."""
-    points = [name for name, value in vars(thing).items() if isinstance(value, BodyPoint)]
+    points = [name for name, value in vars(thing).items() if _is_along(value)]
     first = field.partition(".")[0]
     if first != "x" and first in points:
         return first

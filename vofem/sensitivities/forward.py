@@ -311,9 +311,11 @@ class Forward:
             j = int(self.events.contact[number])
             row = modal.contacts[j]
             if before[j] == PINNED:
-                held, rate, explicit = self.release(index, j, int(after[j]), state)
+                reaction, rate, explicit = self.release(index, j, int(after[j]), state)
                 with np.errstate(divide="ignore", invalid="ignore"):
-                    self.event_times[number] = -(held @ np.concatenate([modal.scale[:, None] * z, v]) + explicit) / rate
+                    self.event_times[number] = (
+                        -(reaction @ np.concatenate([modal.scale[:, None] * z, v]) + explicit) / rate
+                    )
                 continue
             meets = self._meets(j, displacement, z)
             rate = float(row @ velocity)

@@ -24,6 +24,7 @@ from vofem.sensitivities.notes import notes_of
 from vofem.sensitivities.of_statics import OfParameters
 from vofem.sensitivities.parameter import Parameter, parameters_of
 from vofem.sensitivities.system_change import SystemChange, system_changes
+from vofem.system import refuse_travelling
 
 Array = NDArray[np.float64]
 
@@ -216,6 +217,16 @@ def _check(what: str, result: Any) -> None:
             f"{what}: the run used {result.method}, whose steps have no exact derivatives; simulate with "
             f"{advice(exact=True)}"
         )
+    refuse_travelling(what, result.model.system)
+    contacts = result.model.system.contacts
+    if contacts is not None and contacts.moving is not None:
+        raise MethodError(f"{what}: {contacts.moving_refusal('an exact derivative')}")
+    sliders = result.model.system.sliders
+    if sliders is not None:
+        raise MethodError(sliders.refusal(what))
+    reason = None if contacts is None else contacts.rigid_refusal(what)
+    if reason is not None:
+        raise MethodError(reason)
     if result.interrupted:
         raise ArgumentError(f"{what}: the run was interrupted; run it to its end")
 

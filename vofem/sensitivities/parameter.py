@@ -10,18 +10,11 @@ from numpy.typing import NDArray
 
 from vofem._validate import nearest, number, public, whole
 from vofem.errors import ArgumentError
+from vofem.parameters import declarations, is_declared
 from vofem.scene import Scene
 from vofem.sensitivities.change import INITIAL, LINEAR, PLACES, after, check_field, function_at, initial_pair, point_of
 
 Array = NDArray[np.float64]
-
-#: Units of the fields of which the object does not tell them.
-_UNITS = {
-    "gap": "m", "mass": "kg", "inertia": "kg m^2", "EI": "N m^2", "rhoA": "kg/m", "tension": "N", "length": "m",
-    "alpha": "1/s", "beta": "s", "ratio": "", "g": "m/s^2", "p": "N/m", "omega": "rad/s", "phase": "rad",
-    "stiffness": "N/m", "damping": "N s/m", "initial.displacement": "m", "initial.velocity": "m/s", "factor": "",
-    **dict.fromkeys(PLACES, "m"),
-}  # fmt: skip
 
 
 class Parameter:
@@ -142,7 +135,14 @@ class Parameter:
             return str(getattr(units, "coordinate" if last == "gap" else last))
         if last in ("amplitude", "value"):
             return "m/s^2" if self.field.startswith("acceleration") else "N"
-        return _UNITS.get(self.field, _UNITS.get(last, ""))
+        if self.field in PLACES:
+            return "m"
+        if self.field in INITIAL:
+            return ("m", "m/s")[INITIAL.index(self.field)]
+        known = function_at(thing, self.field)
+        holder, name = (thing, self.field) if known is None else known[1:3]
+        declared = declarations(type(holder)).get(name) if is_declared(type(holder)) else None
+        return str(getattr(declared and declared.kind, "unit", ""))
 
     def changed(self, scene: Scene, amount: float) -> Scene:
         """Return the scene with the number of every target changed by an amount."""

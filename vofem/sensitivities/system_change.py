@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.bodies import Point
 from vofem.errors import ArgumentError
 from vofem.lookup import rows_over
 from vofem.scene import Scene
@@ -223,9 +224,9 @@ def carried(scene: Scene, other: Scene, point: Any) -> Any:
     """Return a point in a scene whose beams may be longer: at the same fraction of its beam."""
     for body, new in zip(scene.bodies, other.bodies, strict=True):
         if body.name == getattr(point.body, "name", None):
-            if body is new or not hasattr(point, "x"):
-                return new if not hasattr(point, "x") else point
-            return moved_point(body.at(point.x) if hasattr(body, "at") else point, new, _stretch(body, new))
+            if isinstance(new, Point):
+                return new
+            return point if body is new else moved_point(body.at(point.x), new, _stretch(body, new))
     return point
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array, nearest, number, one_of
-from vofem.bodies.base import as_point
+from vofem.bodies.base import Point, as_point
 from vofem.errors import ArgumentError
 from vofem.initial import Initial
 from vofem.integrators.base import ProbeRows
@@ -111,11 +111,11 @@ def _check_options(chosen: str, method: str, options: dict[str, Any]) -> None:
 def _probe_rows(scene: Scene, probes: Mapping[str, Any] | Iterable[Any]) -> ProbeRows | None:
     """Return names and rows of points to be recorded, or None where there are none."""
     if not isinstance(probes, Mapping):
-        if isinstance(probes, str) or not (hasattr(probes, "row") or isinstance(probes, Iterable)):
+        if isinstance(probes, str) or not isinstance(probes, (Point, Iterable)):
             raise ArgumentError(
                 f"simulate: probes is {probes!r}, expected points such as beam.at(x), or a dict of names and points"
             )
-        points = [probes] if hasattr(probes, "row") else list(probes)
+        points = [probes] if isinstance(probes, Point) else list(probes)
         named = {as_point("simulate: a point of probes", point).name: point for point in points}
     else:
         named = {name: as_point(f"simulate: probes[{name!r}]", point) for name, point in probes.items()}

@@ -107,7 +107,8 @@ def simulate(
         or the parameters ``alpha_m``, ``alpha_f``, ``gamma`` and ``newmark_beta``
         that follow from it. For the three methods with a step size ``dt``:
         ``nearby``, whether a second run from a start nearby looks for chaos,
-        which takes as long as the run (None: where that is less than a second).
+        and one with larger steps for errors, which take as long as the run and
+        half of it (None: where that is less than one or two seconds).
 
     Returns
     -------

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from vofem.integrators import methods as built_in
-from vofem.integrators.registry import methods
+from vofem.integrators.registry import method_named, methods
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.simulation import simulate
@@ -50,16 +50,26 @@ class Quantity:
     reference : float
     relative : bool
         Whether errors count relative to the reference.
+    tolerance : float or dict of str to float, optional
+        The tolerance, for all methods or by method: a method that is not named is not compared. Without it the
+        tolerance is that of the method.
     """
 
     name: str
     reference: float
     relative: bool = True
+    tolerance: float | Mapping[str, float] | None = None
 
     def error(self, got: float) -> float:
         """Return the error of a value."""
         difference = abs(got - self.reference)
         return difference / abs(self.reference) if self.relative else difference
+
+    def within(self, method: str, usual: float) -> float | None:
+        """Return the tolerance for a method, by default the usual one of that method; None where it is not compared."""
+        if isinstance(self.tolerance, Mapping):
+            return self.tolerance.get(method)
+        return usual if self.tolerance is None else self.tolerance
 
 
 @dataclass(frozen=True)
@@ -68,8 +78,8 @@ class How:
 
     Attributes
     ----------
-    tolerance : float or dict of str to float
-        One tolerance for all quantities, or a tolerance for each quantity by name.
+    tolerance : float
+        Tolerance of the quantities that have none of their own.
     options : dict
         Further arguments of `simulate`, such as dt.
     expected : str
@@ -82,7 +92,7 @@ class How:
         Whether the method may refuse the case instead, whatever is expected of it otherwise.
     """
 
-    tolerance: float | Mapping[str, float] = 0.0
+    tolerance: float = 0.0
     options: Mapping[str, Any] = field(default_factory=dict)
     expected: str = PASSED
     says: str = ""
@@ -166,17 +176,24 @@ class Case:
         """
         found = dict(self.how)
         for method in methods():
-            like = self.how.get(CONSERVING if method.steps else EVENT_DRIVEN)
+            like = self.how.get(counterpart(method.name))
             if method.name not in DYNAMIC and not method.special and like is not None:
                 found[method.name] = replace(like, may_refuse=True)
         return found
 
 
-def stepping(dt: float, tolerance: float | Mapping[str, float], **more: Any) -> dict[str, How]:
+def counterpart(method: str) -> str:
+    """Return the method of this package whose tolerances hold for a method: of one of its own, itself."""
+    if method in (*DYNAMIC, *_OTHERS):
+        return method
+    return CONSERVING if method_named(method).steps else EVENT_DRIVEN
+
+
+def stepping(dt: float, tolerance: float = 0.0, **more: Any) -> dict[str, How]:
     """Return how all stepping methods are run where they need the same step and reach the same tolerance."""
     return {method: How(tolerance, {"dt": dt}, **more) for method in (CONSERVING, ALPHA, CENTRAL)}
 
 
-def exact(tolerance: float | Mapping[str, float], **more: Any) -> dict[str, How]:
+def exact(tolerance: float = 0.0, **more: Any) -> dict[str, How]:
     """Return how event_driven is run."""
     return {EVENT_DRIVEN: How(tolerance, **more)}

@@ -116,11 +116,11 @@ def _matrix(heading: str, names: Sequence[str], outcomes: Sequence[Outcome]) -> 
     if not mine:
         return []
     names = [name for name in names if any(o.method == name for o in mine)]
-    lines = [heading, "", "| case | " + " | ".join(names) + " |", "| --- |" + " --- |" * len(names)]
+    lines = []
     for case in dict.fromkeys(o.case for o in mine):
         cells = {o.method: _cell(o) for o in mine if o.case is case}
-        lines.append(f"| {_escaped(case.label)} | " + " | ".join(cells.get(name, "") for name in names) + " |")
-    return [*lines, ""]
+        lines.append((case.label, *(cells.get(name, "") for name in names)))
+    return [heading, "", *_table(("case", *names), lines), ""]
 
 
 _VERDICTS = (PASSED, REPORTED, REFUSED, STOPPED, FAILED)
@@ -139,14 +139,20 @@ def _counts(
     heading: str, names: Iterable[str], outcomes: Sequence[Outcome], name_of: Callable[[Outcome], str]
 ) -> list[str]:
     """Return a table of the number of runs of every verdict; names without runs are left out."""
-    lines = [f"| {heading} | cases | " + " | ".join(_VERDICTS) + " |", "| --- |" + " ---: |" * (len(_VERDICTS) + 1)]
+    lines = []
     for name in names:
         mine = [outcome for outcome in outcomes if name_of(outcome) == name]
         if mine:
             counts = [sum(outcome.verdict == verdict for outcome in mine) for verdict in _VERDICTS]
             cases = len({outcome.case.name for outcome in mine})
-            lines.append(f"| {name} | {cases} | " + " | ".join(str(count) for count in counts) + " |")
-    return lines
+            lines.append((name, *map(str, (cases, *counts))))
+    return _table((heading, "cases", *_VERDICTS), lines, numbers=True)
+
+
+def _table(headings: Sequence[str], lines: Iterable[Sequence[str]], numbers: bool = False) -> list[str]:
+    """Return the lines of a table as Markdown; columns of numbers, all but the first, are aligned at the right."""
+    below = ["---", *(["---:" if numbers else "---"] * (len(headings) - 1))]
+    return [f"| {' | '.join(map(_escaped, cells))} |" for cells in (headings, below, *lines)]
 
 
 def markdown_details(outcomes: Iterable[Outcome]) -> str:
@@ -163,11 +169,11 @@ def markdown_details(outcomes: Iterable[Outcome]) -> str:
         lines += ["", f"## {_escaped(case.label)}", "", f"Source: {_escaped(case.source)}", ""]
         measured = [(o, m) for o in mine for m in o.measured]
         if measured:
-            lines += ["| quantity | reference | method | got | error | tolerance |", "| --- |" + " --- |" * 5]
-        for outcome, m in measured:
-            name, reference, got, error, tolerance = _numbers(m)
-            cells = (name, reference, _run(outcome), got, error, tolerance)
-            lines.append("| " + " | ".join(_escaped(text) for text in cells) + " |")
+            cells = [(_run(outcome), *_numbers(m)) for outcome, m in measured]
+            lines += _table(
+                ("quantity", "reference", "method", "got", "error", "tolerance"),
+                [(name, reference, how, *rest) for how, name, reference, *rest in cells],
+            )
         said = [o for o in mine if o.verdict != PASSED]
         lines += [""] if measured and said else []
         lines += [f"- {_run(o)}, **{o.verdict}**: {_escaped(o.message)}" for o in said]

@@ -21,6 +21,7 @@ from vofem.verification.case import (
     How,
     Quantity,
     Run,
+    counterpart,
     subjects,
 )
 
@@ -151,7 +152,7 @@ def judge(case: Case, method: str, how: How) -> Outcome:
         message = f"{type(error).__name__}: {error}"
         return Outcome(case, method, FAILED, (), message, time.perf_counter() - begin)
     seconds = time.perf_counter() - begin
-    measured = tuple(_measure(case, how, values))
+    measured = tuple(_measure(case, method, how, values))
     verdict, message = _of_values(how, measured, run.notes)
     return Outcome(case, method, verdict, measured, message, seconds)
 
@@ -186,9 +187,9 @@ def _of_values(how: How, measured: tuple[Measured, ...], notes: list[str]) -> tu
     return (REPORTED, note) if how.expected == REPORTED else (FAILED, "beyond its tolerance")
 
 
-def _measure(case: Case, how: How, values: Mapping[str, float]) -> Iterator[Measured]:
+def _measure(case: Case, method: str, how: How, values: Mapping[str, float]) -> Iterator[Measured]:
     for quantity in case.quantities:
-        tolerance = how.tolerance if not isinstance(how.tolerance, Mapping) else how.tolerance.get(quantity.name)
+        tolerance = quantity.within(counterpart(method), how.tolerance)
         if tolerance is not None:
             got = float(values[quantity.name])
             yield Measured(quantity, got, quantity.error(got), tolerance)

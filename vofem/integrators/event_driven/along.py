@@ -132,7 +132,7 @@ class Course:
         """Return the linear piece of a contact status."""
         key = status.tobytes()
         if key not in self._regimes:
-            load = self.loads.function[0], self.loads.omega[0]
+            load = self.loads.function[0], self.loads.omega[0], self.loads.bend
             self._regimes[key] = regime_of(
                 self._spectra[status], self.space, self.system.contacts, status, np.abs(self.space.contacts),
                 self._vectors, load, self.horizon,

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from vofem.integrators.event_driven.clusters import Group, group_change
 from vofem.kernels.jit import jit, plain_form
 from vofem.kernels.mode import kernels
-from vofem.linalg.exponential import exponential_response, oscillator, ramp_response
+from vofem.linalg.exponential import exponential_response, oscillator, power_response, ramp_response
 from vofem.linalg.oscillators import (
     DELTA,
     SQUARE,
@@ -45,8 +45,9 @@ class Blocks(NamedTuple):
     ----------
     of : ndarray, shape (8, m)
         See `linalg.oscillators`.
-    pair : ndarray of int, shape (r, 2)
-        Coupled blocks and the loads that drive them, as numbers of blocks.
+    pair : ndarray of int, shape (r, 3)
+        Coupled blocks, the loads that drive them, and the second derivatives of these loads, -1 for none, as numbers of
+        blocks. A line that is bent is driven by its second derivative; the third number is then -2.
     gain : ndarray, shape (r, 4)
         a1, b1, a2, b2 of each pair.
     group : Group or None
@@ -108,11 +109,38 @@ def from_rest(
 
 
 @jit
+def _from_bend(
+    delta: float, p: float, second: float, third: float, gain: Array, tau: float
+) -> tuple[float, float]:  # fmt: skip
+    """Return the response (z, v) from rest of a slow block to the bent part of a load, by its derivatives."""
+    z, v, before = 0.0, 0.0, power_response(delta, p, 0, tau)
+    for k in range(1, 4):
+        # The share of tau^k/k! in the load and in its rate.
+        f = second if k == 2 else (third if k == 3 else 0.0)
+        rate = second if k == 1 else (third if k == 2 else 0.0)
+        now = power_response(delta, p, k, tau)
+        g1, g2 = gain[0] * f + gain[1] * rate, gain[2] * f + gain[3] * rate
+        z += g1 * (before + 2.0 * delta * now) + g2 * now
+        v += g2 * before - p * g1 * now
+        before = now
+    return z, v
+
+
+@jit
 def _add_from_rest(blocks: Blocks, start: Array, tau: float, out: Array) -> None:
     of, pair = blocks.of, blocks.pair
     for e in range(pair.shape[0]):
         k, j = pair[e, 0], pair[e, 1]
+        if pair[e, 2] == -2:
+            out[0, k] += 0.5 * tau * tau * (start[0, j] + tau * start[1, j] / 3.0)
+            out[1, k] += tau * (start[0, j] + 0.5 * tau * start[1, j])
+            continue
         z, v = from_rest(of[DELTA, k], of[SQUARE, k], of[SQUARE, j], start[0, j], start[1, j], blocks.gain[e], tau)
+        if pair[e, 2] >= 0:
+            second, third = start[0, pair[e, 2]], start[1, pair[e, 2]]
+            more = _from_bend(of[DELTA, k], of[SQUARE, k], second, third, blocks.gain[e], tau)
+            z += more[0]
+            v += more[1]
         out[0, k] += z
         out[1, k] += v
 
@@ -165,6 +193,27 @@ def changes(blocks: Blocks, starts: Array, own: Integers, tau: Array) -> Array:
     return found
 
 
+def row_changes(blocks: Blocks, rows: Array, tau: Array) -> Array:
+    """Return rows whose products with states are the changes of other rows, (k, 2, m), after times, (n_times, k, 2, m).
+
+    For blocks without groups. From these and a few states a motion follows at the sums of two sets of times.
+    """
+    c, s = (part[:, None] for part in oscillator_times(blocks.of, tau))
+    w, u = rows[:, 0], rows[:, 1]
+    delta, p = blocks.of[DELTA], blocks.of[SQUARE]
+    found = np.stack([w * (c + delta * s) - u * (p * s), w * s + u * (c - delta * s)], axis=2)
+    driving = np.unique(blocks.pair[:, 1:])
+    for j in driving[driving >= 0].tolist():
+        for part in (0, 1):
+            start = np.zeros((2, delta.size))
+            start[part, j] = 1.0
+            for i, t in enumerate(tau.tolist()):
+                driven = np.zeros_like(start)
+                _add_from_rest(blocks, start, t, driven)
+                found[i, :, part, j] += w @ driven[0] + u @ driven[1]
+    return np.asarray(found)
+
+
 @jit
 def _changes(blocks: Blocks, starts: Array, own: Integers, tau: Array, out: Array) -> None:
     for i in range(tau.size):
@@ -177,5 +226,13 @@ def _changes_at_once(blocks: Blocks, starts: Array, own: Integers, tau: Array, o
     z, v, delta = starts[own, 0], starts[own, 1], blocks.of[DELTA]
     out[:, 0] = c * z + s * (v + delta * z)
     out[:, 1] = c * v - s * (blocks.of[SQUARE] * z + delta * v)
-    for i in range(tau.size) if blocks.pair.size else ():
-        _add_from_rest(blocks, starts[own[i]], tau[i], out[i])
+    if not blocks.pair.size:
+        return
+    bends = blocks.pair[:, 2] == -2
+    for k, j, _ in blocks.pair[bends].tolist():
+        second, third = starts[own, 0, j], starts[own, 1, j]
+        out[:, 0, k] += 0.5 * tau**2 * (second + tau * third / 3.0)
+        out[:, 1, k] += tau * (second + 0.5 * tau * third)
+    others = blocks._replace(pair=blocks.pair[~bends], gain=blocks.gain[~bends])
+    for i in range(tau.size) if others.pair.size else ():
+        _add_from_rest(others, starts[own[i]], tau[i], out[i])

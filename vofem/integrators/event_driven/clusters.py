@@ -57,7 +57,9 @@ class Group(NamedTuple):
     bounds: Array
 
 
-def group_of(clusters: tuple[Cluster, ...], drive: Array, omega: Array, horizon: float) -> Group | None:
+def group_of(
+    clusters: tuple[Cluster, ...], drive: Array, omega: Array, bend: IntArray, horizon: float
+) -> Group | None:  # fmt: skip
     """Return the group of some clusters.
 
     Parameters
@@ -66,6 +68,8 @@ def group_of(clusters: tuple[Cluster, ...], drive: Array, omega: Array, horizon:
         G, rows of all blocks.
     omega : ndarray, shape (e,)
         Frequencies of the loads in rad/s, 0 for lines.
+    bend : ndarray of int, shape (e,)
+        See `Exosystem`.
     horizon : float
         Longest time in s for which a motion is computed.
     """
@@ -87,10 +91,13 @@ def group_of(clusters: tuple[Cluster, ...], drive: Array, omega: Array, horizon:
     quick = np.where(omega > 0.0, omega, 1.0 / horizon)
     largest = np.abs(own_drive).max(axis=0, initial=0.0)
     amplitude = np.maximum(largest[:e], largest[e:] * quick)
+    bent = np.flatnonzero(bend >= 0)
+    amplitude[bend[bent]] = np.maximum(amplitude[bend[bent]], amplitude[bent] / quick[bent] ** 2)
     amplitude = np.where(amplitude > 0.0, amplitude, 1.0)
     scale = np.concatenate([amplitude, amplitude / quick])
     matrix[own, loads] = own_drive / scale
     matrix[loads[:e], loads[e:]], matrix[loads[e:], loads[:e]] = quick, -(omega**2) / quick
+    matrix[loads[e + bent], loads[bend[bent]]] = scale[e + bent] / scale[bend[bent]]
     generator = matrix[own, own]
     growth = max(float(np.linalg.eigvalsh(0.5 * (generator + generator.T))[-1]), 0.0)
     bounds = np.concatenate([[np.linalg.norm(generator, 2), growth], np.linalg.norm(own_drive, axis=0)])

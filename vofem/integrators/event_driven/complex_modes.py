@@ -99,7 +99,7 @@ def state_scale(stiffness: Array, decay: Array) -> Array:
     rounding of all velocities into the displacements.
     """
     held = stiffness > 0.0
-    least = np.sqrt(stiffness[held].min()) if held.any() else decay.max()
+    least = np.sqrt(stiffness[held].min()) if held.any() else decay.max(initial=0.0)
     return np.where(held, np.sqrt(stiffness), np.maximum(decay, _SLOWEST * least))
 
 

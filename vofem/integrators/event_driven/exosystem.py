@@ -1,4 +1,7 @@
-"""The loads of a run as free motions: harmonics are oscillators without damping, lines have a value and a slope."""
+"""The loads of a run as free motions: harmonics are oscillators without damping, lines have a value and a slope.
+
+A polynomial of a higher degree, up to the third, is a line too, which is bent by another: its second derivative.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,7 @@ _NONE = -2
 
 @dataclass(frozen=True)
 class Exosystem:
-    """Functions of time as sums of loads ``(f, f')``, each with ``f'' = -omega^2 f``, between breakpoints.
+    """Functions of time as sums of loads ``(f, f')`` between breakpoints, with ``f'' = -omega^2 f`` or ``f'' = w``.
 
     Intervals with the same frequencies are of one kind.
 
@@ -40,6 +43,8 @@ class Exosystem:
         The function that each load is a part of, or `CONSTANT`.
     omega : ndarray, shape (n_kinds, e)
         Frequencies in rad/s, 0 for lines.
+    bend : ndarray of int, shape (e,)
+        The load w that is the second derivative of each line; -1 for none.
     """
 
     edges: Array
@@ -47,6 +52,7 @@ class Exosystem:
     kind: Integers
     function: Integers
     omega: Array
+    bend: Integers
 
     @property
     def size(self) -> int:
@@ -70,7 +76,13 @@ class Exosystem:
         cosine = np.cos(omega * late)
         sine = np.where(waves, np.sin(omega * late) / np.where(waves, omega, 1.0), late)
         value, rate = first[:, 0], first[:, 1]
-        return np.stack([cosine * value + sine * rate, cosine * rate - omega**2 * sine * value], axis=1)
+        result = np.stack([cosine * value + sine * rate, cosine * rate - omega**2 * sine * value], axis=1)
+        bent = np.flatnonzero(self.bend >= 0)
+        if bent.size:
+            second, third = first[:, 0, self.bend[bent]], first[:, 1, self.bend[bent]]
+            result[:, 0, bent] += late**2 * (second / 2.0 + late * third / 6.0)
+            result[:, 1, bent] += late * (second + late * third / 2.0)
+        return result
 
 
 def gathered(loads: Sequence[Load], rows: Array) -> tuple[list[Any], Array]:
@@ -114,28 +126,39 @@ def exosystem(functions: Sequence[TimeFunction], edges: Array, *, constant: bool
     begin = edges[:-1]
     k = begin.size
     lines, waves = np.zeros((k, 2, len(functions))), [dict[tuple[int, float], complex]() for _ in range(k)]
+    bends = np.zeros((k, 2, len(functions)))
     for f, function in enumerate(functions):
         straight = function.lines(begin)
         if straight is not None:
             lines[:, 0, f], lines[:, 1, f] = straight
             continue
+        cubic = function.polynomials(begin)
+        if cubic is not None:
+            lines[:, :, f], bends[:, :, f] = cubic[:2].T, cubic[2:].T
+            continue
         for i, t in enumerate(begin.tolist()):
             piece = function.piece(t)
             lines[i, :, f] = piece.constant, piece.slope
+            bends[i, :, f] = piece.curvature, piece.jerk
             for w, wave in piece.harmonics:
                 waves[i][f, float(w)] = waves[i].get((f, float(w)), 0.0j) + wave
-    used = np.flatnonzero(np.any(lines, axis=(0, 1)))
+    bent = np.flatnonzero(np.any(bends, axis=(0, 1)))
+    used = np.flatnonzero(np.any(lines, axis=(0, 1)) | np.any(bends, axis=(0, 1)))
     kinds: dict[tuple[tuple[int, float], ...], int] = {}
     kind = np.array([kinds.setdefault(tuple(found), len(kinds)) for found in waves], dtype=np.int64)
-    first = int(constant) + used.size
+    straight_end = int(constant) + used.size
+    first = straight_end + bent.size
     e = first + max((len(found) for found in kinds), default=0)
     states = np.zeros((k, 2, e))
     owner, omega = np.full((len(kinds), e), _NONE), np.zeros((len(kinds), e))
     if constant:
         states[:, 0, 0], owner[:, 0] = 1.0, CONSTANT
-    states[:, :, int(constant) : first], owner[:, int(constant) : first] = lines[:, :, used], used
+    states[:, :, int(constant) : straight_end], owner[:, int(constant) : straight_end] = lines[:, :, used], used
+    states[:, :, straight_end:first] = bends[:, :, bent]
+    bend = np.full(e, -1)
+    bend[int(constant) + np.searchsorted(used, bent)] = np.arange(straight_end, first)
     for i, found in enumerate(waves):
         for j, ((f, w), wave) in enumerate(found.items(), first):
             owner[kind[i], j], omega[kind[i], j] = f, w
             states[i, :, j] = wave.real, -w * wave.imag
-    return Exosystem(edges, states, kind, owner, omega)
+    return Exosystem(edges, states, kind, owner, omega, bend)

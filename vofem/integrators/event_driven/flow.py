@@ -11,17 +11,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import EventStormError
-from vofem.integrators.event_driven.follow import Follower
+from vofem.integrators.event_driven.follow import Follower, follower_of
 from vofem.integrators.event_driven.modal_space import ModalSpace, modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.tangent import Event, Tangent, acceleration
 from vofem.system import Counters, State, System
+
+if TYPE_CHECKING:
+    from vofem.integrators.event_driven.walk import Walker
 
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
@@ -198,7 +202,7 @@ def flow(
         solution.begin_at(status, displacement, start.touching)
     tangent = None if derivative is None else Tangent(space, system.contacts, derivative[:n], derivative[n:])
     edges = [t, *_stops(system, t, stop)]
-    follower = Follower(
+    follower = follower_of(
         solution, edges, t, status, displacement, velocity, PIN_FRACTION, most_events
     )  # fmt: skip
     while follower.time < stop:
@@ -219,7 +223,7 @@ def _stops(system: System, start: float, stop: float) -> list[float]:
     return [*(float(t) for t in np.unique([b for b in breaks if start < b < stop])), stop]
 
 
-def _pass_along(solution: EventSolution, follower: Follower, tangent: Tangent | None) -> list[FlowEvent]:
+def _pass_along(solution: EventSolution, follower: Follower | Walker, tangent: Tangent | None) -> list[FlowEvent]:
     """Compute perturbations, if there are any, along all segments of a flow; return its events."""
     record, space = solution.record, solution.space
     events: list[FlowEvent] = []

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from contextlib import nullcontext
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,6 +36,9 @@ from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.table import MOST_MODES, Statuses, Table, single
 from vofem.kernels.mode import kernels
 from vofem.system import PINNED
+
+if TYPE_CHECKING:
+    from vofem.integrators.event_driven.walk import Walker
 
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
@@ -79,7 +83,7 @@ class Follower:
         self.time, self.status, self.displacement, self.velocity = time, status, displacement, velocity
         self.calls = 0
         loads = solution.exosystem = solution.loads_between(np.asarray(edges, dtype=float))
-        self._loads = Loads(loads.edges, loads.states, loads.kind, loads.omega)
+        self._loads = Loads(loads.edges, loads.states, loads.kind, loads.omega, loads.bend, solution.drift())
         self._pin_fraction, self._most_events = pin_fraction, most_events
         self._segments = FIRST_CALL
         self._statuses = Statuses(len(loads.omega))
@@ -159,11 +163,11 @@ class Follower:
         if record.segments:
             switched = np.flatnonzero((self.status != record.last_status) & (self.status != PINNED))
             if switched.size > 1:
-                displacement = solution.at_gaps(switched, displacement)
+                displacement = solution.at_gaps(switched, displacement, self.time)
         reached.time[0] = self.time
         reached.displacement[:], reached.velocity[:] = displacement, self.velocity
         reached.place[SWITCHED] = switched[0] if switched.size == 1 else -1
-        reached.gaps[:] = solution.gaps_at(self.status, displacement)
+        reached.gaps[:] = solution.gaps_at(self.status, displacement, self.time)
 
     def _take_over(self, table: Table, *, decide: bool) -> None:
         """Take over the time and the state at which the loop has stopped, and take the decision about an event."""
@@ -186,3 +190,16 @@ class Follower:
         self.status = solution.enter(
             self.time, self.status, entered, self.displacement, self.velocity, self._pin_fraction
         )  # fmt: skip
+
+
+def follower_of(
+    solution: EventSolution, edges: ArrayLike, time: float, status: Status, displacement: Array, velocity: Array,
+    pin_fraction: float, most_events: int,
+) -> Follower | Walker:  # fmt: skip
+    """Return what follows a motion: the compiled loop, or Python where there are rigid stops or sliders."""
+    arguments = solution, edges, time, status, displacement, velocity, pin_fraction, most_events
+    if solution.bounces is None and solution.given.sliders is None:
+        return Follower(*arguments)
+    from vofem.integrators.event_driven.walk import Walker
+
+    return Walker(*arguments)

@@ -24,7 +24,7 @@ from vofem.integrators.event_driven.search import (
     search_space,
 )
 from vofem.integrators.event_driven.table import Table
-from vofem.kernels.jit import jit
+from vofem.kernels.jit import borrowed, jit
 from vofem.linalg.vectors import copy, inner, multiply, multiply_transposed
 
 Array = NDArray[np.float64]
@@ -75,12 +75,20 @@ class Laws(NamedTuple):
 
 
 class Loads(NamedTuple):
-    """The loads of a run, see `Exosystem`."""
+    """The loads of a run, see `Exosystem`.
+
+    Attributes
+    ----------
+    drift : ndarray, shape (n_kinds, n_contacts, e)
+        Factors with which the loads enter the coordinates of contacts; (n_kinds, n_contacts, 0) where none does.
+    """
 
     edges: Array
     states: Array
     kind: Integers
     omega: Array
+    bend: Integers
+    drift: Array
 
 
 class Reached(NamedTuple):
@@ -142,8 +150,8 @@ def loop_space(table: Table) -> LoopSpace:
 
 
 @jit
-def at_gap(laws: Laws, j: int, displacement: Array) -> None:
-    """Move the displacement so that a contact that has just switched is exactly at its gap.
+def at_gap(laws: Laws, j: int, moved: float, displacement: Array) -> None:
+    """Move the displacement so that a contact that has just switched, and has moved itself, is exactly at its gap.
 
     Otherwise a stiff contact would turn the rounding of the displacement into energy. If a contact's coordinate is a
     small difference of large modal displacements, it is not corrected, because the correction would change these
@@ -152,7 +160,7 @@ def at_gap(laws: Laws, j: int, displacement: Array) -> None:
     size = 0.0
     for k in range(displacement.size):
         size += abs(laws.rows[j, k] * displacement[k])
-    off = inner(laws.rows[j], displacement) - laws.gap[j]
+    off = inner(laws.rows[j], displacement) + moved - laws.gap[j]
     if size <= CANCELLING * (abs(laws.gap[j]) + abs(off)):
         share = off / laws.squares[j]
         for k in range(displacement.size):
@@ -169,6 +177,20 @@ def _load_state(loads: Loads, interval: int, t: float, begin: Array) -> None:
         if w > 0.0:
             cosine, sine = np.cos(w * late), np.sin(w * late)
             begin[0, j], begin[1, j] = cosine * value + sine / w * rate, cosine * rate - w * sine * value
+        bend = loads.bend[j]
+        if bend >= 0:
+            second, third = loads.states[interval, 0, bend], loads.states[interval, 1, bend]
+            begin[0, j] += late * late * (second / 2.0 + late * third / 6.0)
+            begin[1, j] += late * (second + late * third / 2.0)
+
+
+@jit
+def _moved(loads: Loads, kind: int, contact: int, values: Array) -> float:
+    """Return what values of the loads, shape (m,) or more, add to the coordinate of a contact."""
+    total = 0.0
+    for i in range(loads.drift.shape[2]):
+        total += loads.drift[kind, contact, i] * values[i]
+    return total
 
 
 @jit
@@ -215,15 +237,16 @@ def _add_answers(table: Table, s: int, states: Array, sign: float, both: Array) 
 
 
 @jit
-def _begin(table: Table, s: int, laws: Laws, reached: Reached, space: LoopSpace) -> None:
+def _begin(table: Table, s: int, laws: Laws, loads: Loads, reached: Reached, space: LoopSpace) -> None:
     """Fill in the states of the structure's blocks and the event functions at the beginning of a segment."""
     begin, modal, both, place = space.states[0], space.modal, space.both, reached.place
-    n, m, loads = modal.shape[1], both.shape[1] // 2, table.steady.shape[1] // 2
+    n, m, first = modal.shape[1], both.shape[1] // 2, table.steady.shape[1] // 2
     held, displacement, velocity = table.flags[s, _HELD], modal[0], modal[1]
     copy(reached.displacement, displacement)
     copy(reached.velocity, velocity)
     if place[SWITCHED] >= 0:
-        at_gap(laws, place[SWITCHED], displacement)
+        moved = _moved(loads, loads.kind[place[INTERVAL]], place[SWITCHED], begin[0])
+        at_gap(laws, place[SWITCHED], moved, displacement)
         copy(displacement, reached.displacement)
     if held:
         for k in range(n):
@@ -231,8 +254,8 @@ def _begin(table: Table, s: int, laws: Laws, reached: Reached, space: LoopSpace)
     to_blocks(table, s, displacement, velocity, both)
     copy(both[0], both[2])
     _add_answers(table, s, begin, -1.0, both[2])
-    copy(both[2, :m], begin[0, loads:])
-    copy(both[2, m:], begin[1, loads:])
+    copy(both[2, :m], begin[0, first:])
+    copy(both[2, m:], begin[1, first:])
     if held:
         # Pinned contacts are put at their gaps.
         from_blocks(table, s, both, displacement, velocity)
@@ -285,6 +308,8 @@ def run_segments(
     events : int
         Largest number of events in the whole run.
     """
+    table, laws, loads, reached = borrowed(table), borrowed(laws), borrowed(loads), borrowed(reached)
+    out, space = borrowed(out), borrowed(space)
     n, contacts, m = reached.displacement.size, laws.gap.size, space.states.shape[2]
     place, begin, moved, modal = reached.place, space.states[0], space.states[1], space.modal
     first, intervals = loads.omega.shape[1], loads.kind.size
@@ -304,7 +329,7 @@ def run_segments(
         if row >= out.starts.size or place[EVENTS] >= out.event_time.size:
             return FULL
         _load_state(loads, interval, t, begin)
-        _begin(table, s, laws, reached, space)
+        _begin(table, s, laws, loads, reached, space)
         pairs, count = table.counts[s, _PAIRS], table.counts[s, _FUNCTIONS]
         blocks = Blocks(table.of[s], table.pair[s, :pairs], table.gain[s, :pairs], group, space.work, space.bits)
         duration = loads.edges[interval + 1] - t
@@ -331,7 +356,7 @@ def run_segments(
             reached.displacement[k] = modal[0, k] + modal[2, k]
             reached.velocity[k] = modal[1, k] + modal[3, k]
         for j in range(contacts):
-            reached.gaps[j] += inner(laws.rows[j], modal[2])
+            reached.gaps[j] += inner(laws.rows[j], modal[2]) + _moved(loads, loads.kind[interval], j, moved[0])
         reached.time[0] = loads.edges[interval + 1] if tau >= duration else t + tau
         place[SEGMENTS] = row + 1
         place[EVALUATIONS] += evaluations

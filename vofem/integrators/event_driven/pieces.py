@@ -112,7 +112,7 @@ class Pieces(NamedTuple):
     of : ndarray, shape (s, 8, M)
     pairs : ndarray of int, shape (s,)
         Numbers of coupled blocks.
-    pair, gain : ndarray, shapes (s, r, 2) and (s, r, 4)
+    pair, gain : ndarray, shapes (s, r, 3) and (s, r, 4)
         See `Blocks`.
     steady : ndarray, shape (s, 2n, 2e)
         Steady answers of the blocks.
@@ -193,7 +193,7 @@ def pieces(regimes: Sequence[Regime], loads: Exosystem, n: int) -> Pieces:
     """Return the blocks of some statuses of n modes, under loads without breakpoints."""
     s, e, r = len(regimes), loads.size, max(regime.blocks.pair.shape[0] for regime in regimes)
     of, steady = np.ones((s, 8, e + n)), np.zeros((s, 2, n, 2 * e))
-    pairs, pair, gain = np.zeros(s, dtype=np.int64), np.zeros((s, r, 2), dtype=np.int64), np.zeros((s, r, 4))
+    pairs, pair, gain = np.zeros(s, dtype=np.int64), np.zeros((s, r, 3), dtype=np.int64), np.zeros((s, r, 4))
     for k, regime in enumerate(regimes):
         blocks, m = regime.blocks, regime.spectrum.p.size
         of[k, :, : e + m], pairs[k] = blocks.of, blocks.pair.shape[0]

@@ -283,7 +283,10 @@ def _prepare(blocks: Blocks, begin: Array, duration: float, space: SearchSpace) 
         k, j = pair[e, 0], pair[e, 1]
         size, rate, rise = bounds[_CAP, j], bounds[_ENERGY, j], of[FREQUENCY, j] * bounds[_ENERGY, j]
         if of[FREQUENCY, j] == 0.0:
-            size = abs(begin[0, j]) + abs(begin[1, j]) * duration
+            # What bends lines comes first among the pairs.
+            rise = bounds[_IN_V, j]
+            rate += rise * duration
+            size = abs(begin[0, j]) + (abs(begin[1, j]) + 0.5 * rise * duration) * duration
         bounds[_IN_Z, k] += abs(gain[e, 0]) * size + abs(gain[e, 1]) * rate
         bounds[_IN_V, k] += abs(gain[e, 2]) * size + abs(gain[e, 3]) * rate
         bounds[_IN_Z_RATE, k] += abs(gain[e, 0]) * rate + abs(gain[e, 1]) * rise

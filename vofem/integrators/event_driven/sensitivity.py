@@ -18,11 +18,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.integrators.event_driven.bounces import struck
 from vofem.integrators.event_driven.loop import from_blocks, to_blocks
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.record import Record
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.integrators.event_driven.table import Table
+from vofem.integrators.event_driven.tangent import bounced
 from vofem.kernels.jit import jit
 from vofem.linalg.exponential import matrix_change, oscillator
 from vofem.linalg.oscillators import DELTA, SQUARE
@@ -91,6 +93,12 @@ class Perturbation:
             sign = -1.0 if (before, after) == (OPEN, CLOSED) else 1.0
             v += sign * step * (row @ self._z) / speed * row
         self._z, self._v = z, v
+        self._renormalise()
+
+    def bounce(self, row: Array, restitution: float, rate: float, push: tuple[Array, Array]) -> None:
+        """Pass an impact on a rigid stop; see `tangent.bounced`."""
+        v = bounced(self._z, self._v, row, restitution, rate, push)
+        self._z, self._v = struck(row, restitution, self._z), v
         self._renormalise()
 
     def follow(self, table: Table, record: Record, index: int, growth: Array) -> int:

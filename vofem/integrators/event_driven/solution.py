@@ -11,27 +11,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.blas import blas_threads
+from vofem.errors import ArgumentError
 from vofem.integrators.base import (
     ContactSamples,
     Energies,
     Sensitivity,
     status_at,
 )
+from vofem.integrators.event_driven.bounces import Bounces, bounces_of
 from vofem.integrators.event_driven.exosystem import Exosystem, exosystem, gathered
 from vofem.integrators.event_driven.modal_samples import ModalSamples
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.pinned import may_pin, should_pin
 from vofem.integrators.event_driven.record import Record
-from vofem.integrators.event_driven.regime import Motion, Regime, flat, regime_of, start_motion
+from vofem.integrators.event_driven.regime import Motion, Regime, drift_of, flat, regime_of, start_motion
 from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.event_driven.sensitivity import Perturbation
 from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
 from vofem.integrators.event_driven.table import MOST_MODES, Statuses, Table
+from vofem.integrators.event_driven.tangent import acceleration
 from vofem.integrators.registry import advice
 from vofem.integrators.unclosed import never_closed, open_throughout
 from vofem.kernels.mode import as_it_ran, compiled, kernels
 from vofem.laws import initial_status
-from vofem.system import CLOSED, PINNED, Counters, Events, State, System
+from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Counters, Events, State, System
 
 Array = NDArray[np.float64]
 F = TypeVar("F", bound=Callable[..., Any])
@@ -74,9 +77,10 @@ _TOUCHING = 4.0 * float(np.finfo(float).eps)
 def _sums_of_squares(states: Array, weight: Array) -> Array:
     """Return the sums of weighted squares of states (n, n_times) whose times are rows in memory, shape (n_times,)."""
     sums = np.empty(states.shape[1])
-    # A part at a time stays in fast memory.
-    for k in range(0, sums.size, _ROWS):
-        sums[k : k + _ROWS] = states.T[k : k + _ROWS] ** 2 @ weight
+    # A part at a time stays in fast memory. Energies of motions above 1e150 m or so are infinite.
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(0, sums.size, _ROWS):
+            sums[k : k + _ROWS] = states.T[k : k + _ROWS] ** 2 @ weight
     return sums
 
 
@@ -104,7 +108,8 @@ class EventSolution:
         self.times = times
         self.counters = counters
         self.notes: list[str] = []
-        self.system = system
+        #: The system that the run was given, and as the run sees it: with further rows where there are sliders.
+        self.given = self.system = system
         self.space = space
         self.was_cut = False
         # The samples that were computed last, and whether they are kept here too.
@@ -117,7 +122,14 @@ class EventSolution:
         # Gap functions at the end of the last segment, before an event there.
         self.gaps_now: Array | None = None
         self._initial = np.empty(0, dtype=np.int64)
+        self._bounces: tuple[tuple[int, int], Bounces] | None = None
         self.load_functions, self.load_vectors = gathered(system.loads, space.loads)
+        self.moving = None if system.contacts is None else system.contacts.moving
+        if self.moving is not None:
+            # Offsets of contacts are functions of time that push nothing by themselves.
+            self.load_functions = [*self.load_functions, *self.moving.functions]
+            none = np.zeros((len(self.moving.functions), space.size))
+            self.load_vectors = np.concatenate([self.load_vectors, none])
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the solution without its last samples, which can be computed again."""
@@ -201,15 +213,39 @@ class EventSolution:
             rows = self.system.cache.get("magnitudes of contact rows", None, lambda: abs(laws.rows))
             size = rows @ np.abs(start.q)
             self._initial = initial_status(laws, start.q, start.v, size)
+            self._check_rigid(laws, start.q)
             self.counters.gap_evaluations += len(laws)
             size = np.abs(laws.gap) + size
-            touching = np.abs(laws.rows @ start.q - laws.gap) <= 1e-12 * size
+            touching = np.abs(laws.coordinates(start.q[:, None], np.array([t]))[:, 0] - laws.gap) <= 1e-12 * size
             for j in np.flatnonzero(touching & laws.jump):
                 if should_pin(
                     self.space, laws, self._initial, int(j), (displacement, velocity), self.load(t), fraction
                 ):
                     self._initial[j] = PINNED
         return self._initial
+
+    def _check_rigid(self, laws: ContactLaws, q: Array) -> None:
+        """Open the rigid stops at the start, which bodies may touch but not penetrate; raise where one does."""
+        inside = np.where(laws.rigid, laws.rows @ q - laws.gap, 0.0)
+        inside[inside <= 1e-12 * (abs(laws.rows) @ np.abs(q) + np.abs(laws.gap))] = 0.0
+        if inside.any():
+            j = int(np.argmax(inside))
+            raise ArgumentError(
+                f"{laws.labels[j]}: at the start the body is {inside[j]:.4g} m inside the stop, which is rigid; change "
+                "its gap or the initial displacement"
+            )
+        self._initial[laws.rigid] = OPEN
+
+    @property
+    def bounces(self) -> Bounces | None:
+        """The impacts on rigid stops; None without such stops."""
+        laws = self.system.contacts
+        if laws is None or not laws.rigid.any():
+            return None
+        if self._bounces is None or self._bounces[0] != (self.record.events, self.record.segments):
+            found = bounces_of(laws, self.space.contacts, self.record, self.events)
+            self._bounces = (self.record.events, self.record.segments), found
+        return self._bounces[1]
 
     def begin_at(self, status: Status, displacement: Array, touching: int | None = None) -> None:
         """Begin with a known status in a modal displacement; a contact that has just switched is at its gap."""
@@ -220,15 +256,27 @@ class EventSolution:
             gaps[touching] = 0.0
             self.gaps_now = gaps
 
-    def at_gaps(self, switched: NDArray[np.int64], displacement: Array) -> Array:
-        """Return the displacement nearest to a given one at which some contacts are at their gaps.
+    def _offsets(self, times: Array) -> Array:
+        """Return what is added to the contacts' coordinates at times, m, shape (n_contacts, n_times)."""
+        return np.zeros((len(self.space.contacts), 1)) if self.moving is None else self.moving.at(times)
+
+    def drift(self) -> Array:
+        """Return the factors with which loads enter the contacts' coordinates, see `loop.Loads`."""
+        kinds, c = len(self.exosystem.omega), len(self.space.contacts)
+        if self.moving is None:
+            return np.zeros((kinds, c, 0))
+        parts = [drift_of(self.system.contacts, part, len(self.load_functions)) for part in self.exosystem.function]
+        return np.array(parts)
+
+    def at_gaps(self, switched: NDArray[np.int64], displacement: Array, t: float) -> Array:
+        """Return the displacement nearest to a given one at which some contacts are at their gaps at a time in s.
 
         If a contact's coordinate is a small difference of large modal displacements, it is not corrected, because the
         correction would change these displacements by its rounding.
         """
         assert self.system.contacts is not None
         rows, gap = self.space.contacts[switched], self.system.contacts.gap[switched]
-        off = rows @ displacement - gap
+        off = rows @ displacement + self._offsets(np.array([t]))[switched, 0] - gap
         if np.any(np.abs(rows) @ np.abs(displacement) > _CANCELLING * (np.abs(gap) + np.abs(off))):
             return displacement
         if switched.size == 1:
@@ -236,15 +284,15 @@ class EventSolution:
         # Two contacts at one point have one row.
         return np.asarray(displacement - np.linalg.lstsq(rows, off, rcond=None)[0])
 
-    def gaps_at(self, status: Status, displacement: Array) -> Array:
-        """Return the gap functions at the begin of the segment that comes next, shape (n_contacts,)."""
+    def gaps_at(self, status: Status, displacement: Array, t: float) -> Array:
+        """Return the gap functions at the begin, in s, of the segment that comes next, shape (n_contacts,)."""
         if self.system.contacts is None:
             return np.zeros(0)
         changed = status != self.record.last_status if self.record.segments else None
-        return self._gaps(status, displacement, self.gaps_now, changed)
+        return self._gaps(status, displacement, self.gaps_now, changed, t)
 
     def _gaps(
-        self, status: Status, displacement: Array, before: Array | None, changed: NDArray[np.bool_] | None
+        self, status: Status, displacement: Array, before: Array | None, changed: NDArray[np.bool_] | None, t: float
     ) -> Array:
         """Return the gap functions at the begin of a segment.
 
@@ -254,11 +302,13 @@ class EventSolution:
             Those at the end of the segment before; without them they are computed from the displacement.
         changed : ndarray of bool, shape (n_contacts,), optional
             Contacts that have just switched.
+        t : float
+            Time in s.
         """
         laws, rows = self.system.contacts, self.space.contacts
         assert laws is not None
         if before is None:
-            gaps = np.asarray(rows @ displacement - laws.gap)
+            gaps = np.asarray(rows @ displacement + self._offsets(np.array([t]))[:, 0] - laws.gap)
             gaps[np.abs(gaps) <= _TOUCHING * (np.abs(rows) @ np.abs(displacement) + np.abs(laws.gap))] = 0.0
         else:
             gaps = before.copy()
@@ -304,10 +354,14 @@ class EventSolution:
         if laws is not None and np.any(open_throughout(laws, events)):
             # At times that the run chooses, so that notes do not depend on the times at which results are stored.
             z, _ = self.modal(np.linspace(0.0, self.t_end, _LOOKS))
-            self.notes += never_closed(laws, events, np.max(self.space.contacts @ z, axis=1))
+            offsets = self._offsets(np.linspace(0.0, self.t_end, _LOOKS))
+            self.notes += never_closed(laws, events, np.max(self.space.contacts @ z + offsets, axis=1))
         for j in np.unique(events.contact[events.status == PINNED]):
             assert laws is not None
             mine = events.contact == j
+            if laws.rigid[j]:
+                self.notes += self._accumulated(int(j))
+                continue
             self.notes.append(
                 f"chatter: contact {laws.names[j]!r} came to rest at its gap (pinned) "
                 f"{int(np.sum(events.status[mine] == PINNED))} times in {int(np.sum(mine))} events; there its reaction "
@@ -321,6 +375,22 @@ class EventSolution:
                     f"spoils pointwise values beyond t = {horizon:.4g} s; means and rms values may still be taken"
                 )
 
+    def _accumulated(self, j: int) -> list[str]:
+        """Return a note on a body that came to rest at a rigid stop after bounces that accumulate."""
+        laws, events = self.system.contacts, self.events
+        assert laws is not None
+        mine = events.contact == j
+        pinned = events.time[mine & (events.status == PINNED)]
+        bounced = events.time[mine & (events.status == CLOSED)]
+        if laws.restitution[j] == 0.0 or not bounced.size:
+            return []
+        first = pinned[0]
+        return [
+            f"impacts: the impacts of {laws.labels[j]} accumulate (Zeno) at t = {first:.9g} s, after "
+            f"{int(np.sum(bounced <= first))} of them; from there the body rests at the stop"
+            + ("" if pinned.size == 1 else f". So they do {pinned.size - 1} times more")
+        ]
+
     def _note_energy(self) -> None:
         """Write a note if the energy of a run without loads and dampers changes.
 
@@ -329,7 +399,7 @@ class EventSolution:
         laws, events = self.system.contacts, self.events
         damped = self.system.damped or (laws is not None and bool(np.any(laws.damping > 0)))
         pinned = bool(np.any(events.status == PINNED) or np.any(events.initial == PINNED))
-        if damped or pinned or self.system.loads:
+        if damped or pinned or self.system.loads or self.bounces is not None:
             return
         segments = self.segments
         starts, z, v = segments.starts, segments.displacement.T, segments.velocity.T
@@ -373,28 +443,37 @@ class EventSolution:
     def loads_between(self, edges: Array) -> Exosystem:
         """Return the loads between some times, of which the breakpoints are some."""
         laws = self.system.contacts
-        constant = laws is not None and bool(np.any(laws.offset) or np.any(laws.jump))
+        constant = laws is not None and bool(np.any(laws.offset) or np.any(laws.jump) or np.any(laws.rigid))
         return exosystem(self.load_functions, edges, constant=constant)
 
     def regime(self, status: Status, kind: int) -> Regime:
         """Return the linear piece of a contact status under loads of a kind; it is kept with the eigensystem."""
         spectrum, system = self._spectra[status], self.system
-        load = self.exosystem.function[kind], self.exosystem.omega[kind]
+        load = self.exosystem.function[kind], self.exosystem.omega[kind], self.exosystem.bend
         # Systems with other loads share eigensystems.
-        key = self.t_end, self._loads_key, load[0].tobytes(), load[1].tobytes()
+        key = self.t_end, self._loads_key, *(part.tobytes() for part in load)
         known = spectrum.regimes
         if key not in known:
             if len(known) >= (_MOST_REGIMES if self.space.size <= _FEW_MODES else 1):
                 known.clear()
             sizes = self.space.contacts if system.contacts is None else self.row_sizes
             known[key] = regime_of(
-                spectrum, self.space, system.contacts, status, sizes, self.load_vectors, load, self.t_end
+                spectrum, self.space, system.contacts, status, sizes, self.load_vectors, load, self.t_end,
+                **self._regime_options(),
             )  # fmt: skip
         return known[key]
 
+    def _regime_options(self) -> dict[str, Any]:
+        """Return what linear pieces depend on beside contacts and loads."""
+        return {}
+
+    def loads_at(self, regime: Regime, times: Array, displacement: Array, gaps: Array) -> Array:
+        """Return states of the loads (m, 2, e) at the beginnings of segments in modal displacements (m, n)."""
+        return self.exosystem.at(times)
+
     @cached_property
     def _loads_key(self) -> bytes:
-        return self.load_vectors.tobytes()
+        return self.load_vectors.tobytes() + (b"" if self.moving is None else self.moving.weights.tobytes())
 
     def regimes(self, segments: NDArray[np.int64]) -> Iterator[tuple[Regime, NDArray[np.int64]]]:
         """Yield the linear pieces of some segments, each with the places in `segments` of those that have it."""
@@ -463,6 +542,8 @@ class EventSolution:
                     first, rate = regime.to_modes(begins, shifted=True)
                 if gaps:
                     s[mine] = record.buffers.gaps[segments[mine]] + displacement @ rows.T
+                    if regime.stops is not None:
+                        s[mine] += moved[:, 0, : regime.loads] @ regime.stops.drift.T
                 z[mine], v[mine] = first[own] + displacement, rate[own] + velocity
         return z.T, v.T, s.T
 
@@ -490,7 +571,10 @@ class EventSolution:
     def _contact_force(self, times: Array, v: Array, s: Array) -> Array:
         laws = self.system.contacts
         assert laws is not None
-        force = laws.force(s, self.space.contacts @ v, status_at(self.events, times))
+        rate = self.space.contacts @ v
+        if self.moving is not None:
+            rate = rate + self.moving.rate(times)
+        force = laws.force(s, rate, status_at(self.events, times))
         if not any(np.any(status == PINNED) for status in self.record.statuses):
             return force
         starts = self.record.starts
@@ -502,7 +586,7 @@ class EventSolution:
                 begins = self.begins(regime, used)
                 states = begins[own] + regime.changes(begins, own, times[mine] - starts[segments[mine]])
                 # The interval's ends are roots, found to rounding.
-                jump = (laws.stiffness[held] * laws.gap[held])[:, None]
+                jump = np.where(laws.rigid[held], np.inf, laws.stiffness[held] * laws.gap[held])[:, None]
                 reaction = regime.reactions.row @ flat(states).T
                 force[np.ix_(held, mine)] = np.clip(reaction, 0.0, jump)
         return force
@@ -517,7 +601,8 @@ class EventSolution:
         force = self._contact_force(times, v, s)
         stiffness = np.where(status == CLOSED, laws.stiffness[:, None], 0.0)
         gap = np.where(laws.gap > 0, laws.gap, 1.0)[:, None]
-        return ContactSamples(status, np.where(status == PINNED, force / gap, stiffness), force)
+        held = np.where(laws.rigid[:, None], np.inf, force / gap)
+        return ContactSamples(status, np.where(status == PINNED, held, stiffness), force)
 
     @_evaluation
     def elastic_force(self, contact: int, low: Array, high: Array, fractions: Array) -> Array | None:
@@ -560,7 +645,10 @@ class EventSolution:
         laws = self.system.contacts
         record, traveller = self.record, Perturbation(self.space, laws)
         growth = np.zeros(record.segments + 1)
-        table, index = self._free_table(), 0
+        table, index, bounced = self._free_table(), 0, dict[int, int]()
+        if self.bounces is not None:
+            hard = np.flatnonzero(self.events.status[self.bounces.event] == CLOSED)
+            table, bounced = None, {int(self.bounces.segment[k]): int(k) for k in hard}
         while index < record.segments:
             done = index if table is None else traveller.follow(table, record, index, growth)
             if done > index:
@@ -571,11 +659,26 @@ class EventSolution:
             if index + 1 < record.segments:
                 after, (_, velocity) = record.status(index + 1), record.state(index + 1)
                 changed = np.flatnonzero(after != status)
-                if changed.size:
+                if index + 1 in bounced:
+                    traveller.bounce(*self._impact(bounced[index + 1]))
+                elif changed.size:
                     traveller.jump([(int(j), int(status[j]), int(after[j])) for j in changed], velocity)
             index += 1
             growth[index] = traveller.growth
         return Sensitivity(np.append(self.segment_starts, self.t_end), growth)
+
+    def _impact(self, k: int) -> tuple[Array, float, float, tuple[Array, Array]]:
+        """Return row, restitution, speed of approach, and accelerations before and after an impact on a rigid stop."""
+        bounces, laws, record = self.bounces, self.system.contacts, self.record
+        assert bounces is not None
+        assert laws is not None
+        segment, j = int(bounces.segment[k]), int(bounces.contact[k])
+        load = self.load(float(record.starts[segment]))
+        before, after = (
+            acceleration(self.space, laws, record.status(index), *record.state(index), load)
+            for index in (segment - 1, segment)
+        )
+        return self.space.contacts[j], float(laws.restitution[j]), float(bounces.approach[k]), (before, after)
 
     def _free_table(self) -> Table | None:
         """Return the statuses of the record in which a perturbation can be followed in compiled code, None where none.
@@ -596,7 +699,7 @@ class EventSolution:
     def start_energy(self) -> float:
         """Kinetic, strain and contact energy at t = 0."""
         start = self.energies(np.zeros(1))
-        return float(start.kinetic[0] + start.strain[0] + start.contact[0])
+        return float(start.kinetic[0] + start.strain[0] + start.contact[0] + start.dissipated[0])
 
     @_evaluation
     def energies(self, times: Array) -> Energies:
@@ -610,25 +713,28 @@ class EventSolution:
         if system.contacts is not None:
             contact = system.contacts.closed_potential(s, status_at(self.events, times))
             damped = damped or bool(np.any(system.contacts.damping > 0))
-            pinning = self._lost_in_pinning()
+            pinning = self._lost_in_impacts()
         if (damped or system.loads or pinning is not None) and times.size:
             work, dissipated = work_and_dissipation(self.record, self.regimes, self.begins, times, pinning)
         kinetic, strain = 0.5 * _sums_of_squares(v, np.ones(space.size)), 0.5 * _sums_of_squares(z, space.stiffness)
         return Energies(kinetic, strain, contact, dissipated, work)
 
-    def _lost_in_pinning(self) -> Array | None:
-        """Return the kinetic energy that pinning takes at the begin of every segment, J; None where nothing is pinned.
+    def _lost_in_impacts(self) -> Array | None:
+        """Return the kinetic energy that is lost at the begin of every segment, J; None where none is.
 
-        It is the energy of the normal velocity at the moment of pinning, which `pinned` removes.
+        Pinning takes the energy of the normal velocity, which `pinned` removes, and a rigid stop its part of it.
         """
-        events = self.events
-        if not (np.any(events.status == PINNED) or np.any(events.initial == PINNED)):
+        events, bounces = self.events, self.bounces
+        if not (bounces is not None or np.any(events.status == PINNED) or np.any(events.initial == PINNED)):
             return None
         lost = np.zeros(self.record.segments)
+        if bounces is not None:
+            struck = events.status[bounces.event] == CLOSED
+            np.add.at(lost, bounces.segment[struck], bounces.lost[struck])
         for index in range(lost.size):
             held = self.space.contacts[self.record.status(index) == PINNED]
             if held.shape[0]:
                 velocity = self.record.state(index)[1]
                 speed = held @ velocity
-                lost[index] = 0.5 * speed @ np.linalg.solve(held @ held.T, speed)
+                lost[index] += 0.5 * speed @ np.linalg.solve(held @ held.T, speed)
         return lost

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.integrators.event_driven.bounces import struck
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.kernels.jit import jit
@@ -157,6 +158,25 @@ class Tangent:
             # The displacement is continuous, and so are its rates along the surface.
             v = v + np.outer(before - _onto(rows, before) - after, -along / rate)
         self.z, self.v = z, v
+
+
+def bounced(z: Array, v: Array, row: Array, restitution: float, rate: float, push: tuple[Array, Array]) -> Array:
+    """Return the velocities of perturbations after an impact on a rigid stop, shape (n,) or (n, k).
+
+    Parameters
+    ----------
+    z, v : ndarray, shape (n,) or (n, k)
+        Perturbations before.
+    row : ndarray, shape (n,)
+    restitution : float
+    rate : float
+        Speed of approach, m/s.
+    push : (ndarray, ndarray)
+        Modal accelerations before and after, each (n,).
+    """
+    before, after = push
+    change = struck(row, restitution, before) - after
+    return np.asarray(struck(row, restitution, v) - np.multiply.outer(change, row @ z / rate))
 
 
 def acceleration(

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.kernels.jit import jit, plain_form
+from vofem.kernels.jit import borrowed, jit, plain_form
 from vofem.laws.law import Laws, Way, commit_laws, damper_over, force_over, slope_over
 from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.laws.springpot_steps import Springpots, begin_springpots, end_springpots
@@ -274,7 +274,8 @@ def _plain_largest(x: Array) -> float:
 @jit
 def advance(
     equations: Equations, numbers: Numbers, factored: Array, compliance: Array | None, band: Array | None,
-    dampers: bool, pots: Springpots | None, force: Array, shift: Array, earlier: Array, chunk: Chunk, work: Work,
+    dampers: bool, pots: Springpots | None, drift: Array | None, force: Array, shift: Array, earlier: Array,
+    chunk: Chunk, work: Work,
 ) -> tuple[int, int]:  # fmt: skip
     """Take the steps that a chunk has rows for.
 
@@ -288,6 +289,8 @@ def advance(
     dampers : bool
         Whether a law has a damper.
     pots : Springpots or None
+    drift : ndarray or None, shape (2, steps + 1, m)
+        What is added to the laws' coordinates ``b.q`` at the ends of steps, m, and its rates.
     force : ndarray, shape (steps, n)
         Loads in the balance of every step; no rows where there are none.
     shift : ndarray, shape (steps, n)
@@ -302,7 +305,9 @@ def advance(
     taken, solves : int
         Number of steps, fewer than asked for where the next one has no solution; and of those in which a law acted.
     """
-    mass, stiffness, damping, rows, laws = equations
+    mass, stiffness, damping, rows, laws = borrowed(equations)
+    chunk, work, factored = borrowed(chunk), borrowed(work), borrowed(factored)
+    force, shift, earlier = borrowed(force), borrowed(shift), borrowed(earlier)
     dt, b, mean, ahead, half = numbers.dt, numbers.b, numbers.mean, numbers.ahead, numbers.b * numbers.dt * numbers.cvw
     right, x, p, some, found = work.right, work.x, work.p, work.some, work.found
     m, solves = work.y.size, 0
@@ -328,6 +333,9 @@ def advance(
                 work.base[j] = dot(rows, j, q1)
                 # Only dampers ask for it, and springpots, which count as such.
                 work.rate[j] = dot(rows, j, v1) if dampers else 0.0
+                if drift is not None:
+                    work.base[j] += drift[0, k + 1, j]
+                    work.rate[j] += drift[1, k + 1, j]
         if pots is not None:
             begin_springpots(pots, k, laws, way, chunk.pots, u0, work.base, work.rate)
         for j in range(m):
@@ -350,6 +358,8 @@ def advance(
                 subtract_product(mass, some, right)
                 for j in range(m):
                     work.base[j] = u0[j] + dt * dot(rows, j, p)
+                    if drift is not None:
+                        work.base[j] += drift[0, k + 1, j] - drift[0, k, j]
             else:
                 if b < 1.0:
                     _between(some, q0, b, q1)
@@ -414,9 +424,14 @@ def advance(
             _correct(q1, v1, a0, a1, x, dt * dt * numbers.cqw, dt * numbers.cvw, 1.0 / (1.0 - numbers.alpha_m))
         for j in range(m):
             chunk.u[k + 1, j] = work.base[j] if explicit else dot(rows, j, q1)
+            if drift is not None and not explicit:
+                chunk.u[k + 1, j] += drift[0, k + 1, j]
             chunk.reaction[k + 1, j] = found[j]
             if dampers:
-                damper = damper_over(laws, j, way, u0[j], chunk.u[k + 1, j], dot(rows, j, v1))
+                rate = dot(rows, j, v1)
+                if drift is not None:
+                    rate += drift[1, k + 1, j]
+                damper = damper_over(laws, j, way, u0[j], chunk.u[k + 1, j], rate)
                 chunk.damper[k + 1, j] = damper
                 # A damper that acts by its mean has no force at the end.
                 if not (mean or explicit):
@@ -487,7 +502,8 @@ def _react(
             for f in range(size):
                 coupling = slope[i] * (reach * compliance[i, work.active[f]])
                 work.matrix[e, f] = coupling + (1.0 if e == f else 0.0)
-        _eliminate(work.matrix, work.solution, size)
+        # numba would compile for the constant 0 too.
+        _eliminate(work.matrix, work.solution, int(size))
         # Rounding in a steep law can keep the last digits from converging, so the tolerance grows with each step.
         still, rounded = True, True
         for j in range(m):

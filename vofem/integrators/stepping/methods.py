@@ -48,15 +48,16 @@ central_difference: Eq. 21 of the paper in velocity form
 --------------------------------------------------------
 Order 2 in dt for smooth systems and for contacts that act on the penetration;
 order 1, or worse, where a force jumps within a step: that of a contact that
-acts on the displacement, of a contact damper at closing, of a pulse. Stable for ``dt < 2/omega_max``,
+acts on the displacement, of a pulse. Stable for ``dt < 2/omega_max``,
 damped or not; no numerical dissipation. With ``v`` at half steps,
 
     (M + dt C/2) a_n = f_n - K q_n - C v_{n-1/2} - sum_j b_j R_j,
     v_{n+1/2} = v_{n-1/2} + dt a_n,    q_{n+1} = q_n + dt v_{n+1/2},
 
 which is Eq. 21 with C = 0 but loses far fewer digits than its two-step form.
-Contact dampers are implicit, through the compliance of the contact rows, and so
-are springpots, by the mean of their forces over the steps on both sides: both
+Contact dampers are implicit, through the compliance of the contact rows, and act
+in the part of the time from n - 1/2 to n + 1/2 in which the contact is closed,
+known from ``v_{n-1/2}``. Implicit are also springpots, by the mean of their forces over the steps on both sides: both
 only take energy, and leave the critical step as it is. The
 kinetic energy reported is ``v_{n-1/2}' M v_{n+1/2} / 2``: with it the scheme
 conserves energy to rounding between switches.
@@ -81,7 +82,7 @@ from vofem.integrators.observer import Observer, Snapshot
 from vofem.integrators.registry import advice
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.energies import stored_energy
-from vofem.integrators.stepping.nearby import check_nearby, note_growth
+from vofem.integrators.stepping.nearby import check_nearby, note_errors, note_growth
 from vofem.integrators.stepping.run import EqualSteps, Scheme, march
 from vofem.integrators.stepping.step_loads import followed, note_loads
 from vofem.integrators.stepping.tolerance import note_tolerance, under_tolerance
@@ -101,6 +102,9 @@ _STEPS = 1000
 
 #: Default explicit step as a fraction of the critical one.
 _DEFAULT_FRACTION = 0.5
+
+#: How notes begin that report errors of steps already.
+_OF_STEPS = ("step: steps", "step: impacts", "step: the errors", "energy:", "chaos:", "load:")
 
 #: Steps beyond which a run whose step was not given is refused; it would take minutes or hours.
 _MOST_STEPS = 1e9
@@ -204,7 +208,7 @@ def central_difference(
             f"closed (2/omega_max, omega_max = {2.0 / limit:.6g} rad/s); choose dt below it, or {_without_limit()}"
         )
     asked = Asked(system, start, t_end, times, dt, observer, resume, probes, None, nearby)
-    return _equal(CENTRAL_DIFFERENCE, CENTRAL, asked, dt, counters, notes, _EXPLICIT)
+    return _equal(CENTRAL_DIFFERENCE, CENTRAL, asked, dt, counters, notes, _EXPLICIT, limit)
 
 
 def parameters(
@@ -270,9 +274,10 @@ def _implicit(method: Method, scheme: Scheme, asked: Asked, blow_up: float, advi
 
 
 def _equal(
-    method: Method, scheme: Scheme, asked: Asked, dt: float, counters: Counters, notes: list[str], blow_up: float
+    method: Method, scheme: Scheme, asked: Asked, dt: float, counters: Counters, notes: list[str], blow_up: float,
+    critical: float | None = None,
 ) -> SteppedSolution:  # fmt: skip
-    """Run equal steps."""
+    """Run equal steps, where there is a critical step below it."""
     system, start, t_end = asked.system, asked.start, asked.t_end
     steps = step_count(t_end, dt)
     stored = storage_times(asked.times, t_end, dt, steps, system.size, notes)
@@ -289,10 +294,12 @@ def _equal(
         probes=asked.probes,
     )  # fmt: skip
 
-    def again(beside: State) -> EqualSteps:
-        return EqualSteps(system, beside, Counters(), t_end, method, scheme, dt, steps)
+    def again(beside: State, dt: float = dt) -> EqualSteps:
+        return EqualSteps(system, beside, Counters(), t_end, method, scheme, dt, step_count(t_end, dt))
 
     notes += note_growth(asked.nearby, run, out, again)
+    if not any(note.startswith(_OF_STEPS) for note in notes):
+        notes += note_errors(asked.nearby, run, out, critical, lambda other: again(start, other))
     return solution
 
 

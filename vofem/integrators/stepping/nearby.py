@@ -1,15 +1,21 @@
-"""Whether a run is chaotic: how far a second run of the same steps, from a start nearby, departs from it.
+"""What a second run says of a run: whether it is chaotic, and how large the errors of its steps are.
 
-The start of the second run is disturbed by a billionth of the motion, in the
-shape that the motion has at one time. Two regular runs part slowly: where
-frequencies depend on amplitudes, in proportion to time. Two chaotic runs part
-exponentially, so a thousandfold growth takes no longer the second time
-than the first. Steps of `generalized_alpha` and `central_difference` that do
-not resolve impacts can be chaotic where the structure is not, because the
-energy that they lose or gain depends on where in a step a contact closes.
+Chaos shows in a second run of the same steps from a start nearby, disturbed by
+a billionth of the motion, in the shape that the motion has at one time. Two
+regular runs part slowly: where frequencies depend on amplitudes, in proportion
+to time. Two chaotic runs part exponentially, so a thousandfold growth takes no
+longer the second time than the first. Steps of `generalized_alpha` and
+`central_difference` that do not resolve impacts can be chaotic where the
+structure is not, because the energy that they lose or gain depends on where in
+a step a contact closes.
 
-The second run costs as much as the run itself, without its set-up, and is
-made where that takes less than a second.
+Errors of steps show in a second run from the same start with larger steps: of
+a method of second order, steps of r times the size make r^2 times the error.
+Where a contact decides on the motion, neither the balance of energy nor the
+errors of single steps tell how much impacts make of them.
+
+A second run costs as much as the run itself or half of it, without its set-up,
+and is made where that takes less than one or two seconds.
 """
 
 from __future__ import annotations
@@ -22,7 +28,6 @@ from numpy.typing import NDArray
 from vofem.errors import ArgumentError, VofemError
 from vofem.integrators.observer import deferred_interrupts
 from vofem.integrators.registry import advice
-from vofem.integrators.stepping.checks import DRIFT, LOWEST, PEAK
 from vofem.integrators.stepping.record import Record
 from vofem.integrators.stepping.run import Run
 from vofem.kernels.mode import compiled
@@ -39,11 +44,17 @@ _GROWTH = 1e3
 #: Time of twice that growth over the time of the first, from which on runs part slowly.
 _SLOWLY = 2.5
 
-#: Errors of steps over the motion of a contact, grown as differences do, above which there is a note, and the part of
-#: the run in which differences that grow exponentially have not yet grown to the root of their last size.
-_DRIFT, _EXPONENTIAL = 0.03, 0.2
+#: Errors of steps, over the largest displacement, above which there is a note.
+_ERRORS = 0.02
 
-#: Events below which no growth like that is to be expected.
+#: Size of larger steps over that of the run. It is less where steps have a critical size, of which they may take a
+#: part; where little is left, the second run has smaller steps.
+_LARGER, _CRITICAL, _LITTLE, _SMALLER = 2.0, 0.95, 1.2, 0.5
+
+#: Seconds that a run may take whose errors are looked for; larger steps take half of it.
+_LONGER = 4.0
+
+#: Events below which no chaos is to be expected.
 _FEWEST_EVENTS = 8
 
 #: Steps times unknowns, of which a step has some for itself, that take about a second: in compiled code, and in plain
@@ -60,13 +71,13 @@ def check_nearby(nearby: object) -> None:
     """
     if nearby is not None and not isinstance(nearby, bool):
         raise ArgumentError(
-            f"simulate: nearby is {nearby!r}, expected True or False, or None to look for chaos where it takes less "
+            f"simulate: nearby is {nearby!r}, expected True or False, or None to make second runs where they take less "
             "than a second"
         )
 
 
 def note_growth(nearby: bool | None, run: Run, out: Record, again: Callable[[State], Run]) -> list[str]:
-    """Return a note where a finished run of equal steps is chaotic, or where differences make much of its errors.
+    """Return a note where a finished run of equal steps is chaotic.
 
     Parameters
     ----------
@@ -78,31 +89,76 @@ def note_growth(nearby: bool | None, run: Run, out: Record, again: Callable[[Sta
     again : callable
         Takes a start; returns a run of the same steps.
     """
-    system, start = run.system, run.start
-    steps, events = run.counters.steps, run.counters.events
+    start = run.start
     if nearby is None:
-        acts = events >= _FEWEST_EVENTS or run.laws.state.size > 0
-        nearby = acts and steps * (_OWN + system.size) <= (_WORK if compiled() else _WORK_PLAIN)
-    if not nearby or not run.finished:
-        return []
-    known = np.flatnonzero(np.isfinite(out.q[:, 0]))
-    rows = known[~out.wanted[known]] if np.any(~out.wanted[known]) else known
-    weight = system.scale[run.order]
-    motion = weight * out.q[rows]
+        nearby = (run.counters.events >= _FEWEST_EVENTS or run.laws.state.size > 0) and _cheap(run)
+    rows, motion = _checked(run, out) if nearby and run.finished else (np.empty(0, dtype=np.int64), np.empty(0))
     size = float(np.max(np.abs(motion), initial=0.0))
     if size == 0.0 or rows.size < 3:
         return []
     at = rows[rows.size // 2]
-    moved = float(np.max(np.abs(weight * out.q[at])))
+    moved = float(np.max(np.abs(motion[rows.size // 2])))
     factor = _DISTURBANCE * size / max(moved, _GROWTH * _DISTURBANCE * size)
     beside = State(start.q + factor * out.q[at, run.back], start.v + factor * out.v[at, run.back], start.internal)
-    found = _second(again(beside), out.times[rows])
-    if found is None:
+    apart = _apart(run, again(beside), out.times[rows], motion)
+    return [] if apart is None else _judge(out.times[rows], apart)
+
+
+def note_errors(
+    nearby: bool | None, run: Run, out: Record, critical: float | None, again: Callable[[float], Run]
+) -> list[str]:
+    """Return a note where steps of another size lead to another motion.
+
+    Parameters
+    ----------
+    nearby, run, out
+        As `note_growth` has them.
+    critical : float, optional
+        Size in s that no step may reach.
+    again : callable
+        Takes a size of steps in s; returns a run from the same start.
+    """
+    if nearby is None:
+        nearby = (run.counters.events > 0 or run.laws.state.size > 0) and _cheap(run, _LONGER)
+    rows, motion = _checked(run, out) if nearby and run.finished else (np.empty(0, dtype=np.int64), np.empty(0))
+    if not np.any(motion):
         return []
-    apart = np.max(np.abs(weight * found - motion), axis=1) / size
-    times, apart = out.times[rows], np.maximum.accumulate(apart)
     assert run.dt is not None
-    return _judge(times, apart) or _grown(times, apart, out.contact_checks, run.dt)
+    ratio = _LARGER if critical is None else min(_LARGER, _CRITICAL * critical / run.dt)
+    ratio = ratio if ratio > _LITTLE else _SMALLER
+    apart = _apart(run, again(ratio * run.dt), out.times[rows], motion)
+    if apart is None:
+        return []
+    errors = apart / abs(ratio**2 - 1.0)
+    if errors[-1] <= _ERRORS:
+        return []
+    return [
+        f"step: steps of {ratio * run.dt:.4g} s lead to another motion than these of {run.dt:.4g} s: errors of the "
+        f"steps are some {min(errors[-1], 1.0):.2g} of the displacements, and more than {_ERRORS:g} from t = "
+        f"{out.times[rows][np.argmax(errors > _ERRORS)]:.4g} s on. Give a smaller dt, or choose {advice(exact=True)} "
+        "where it applies"
+    ]
+
+
+def _cheap(run: Run, seconds: float = 1.0) -> bool:
+    """Return whether the steps of a run take less than about so many seconds."""
+    return run.counters.steps * (_OWN + run.system.size) <= seconds * (_WORK if compiled() else _WORK_PLAIN)
+
+
+def _checked(run: Run, out: Record) -> tuple[NDArray[np.int64], Array]:
+    """Return the rows of a record that are compared, and the displacements there in comparable units."""
+    known = np.flatnonzero(np.isfinite(out.q[:, 0]))
+    rows = known[~out.wanted[known]] if np.any(~out.wanted[known]) else known
+    return rows, run.system.scale[run.order] * out.q[rows]
+
+
+def _apart(run: Run, second: Run, times: Array, motion: Array) -> Array | None:
+    """Return the largest distance of a second run so far, over the largest displacement; None where it found none."""
+    found = _second(second, times)
+    if found is None:
+        return None
+    distance = np.max(np.abs(run.system.scale[run.order] * found - motion), axis=1) / np.max(np.abs(motion))
+    return np.maximum.accumulate(np.where(np.isfinite(distance), distance, np.inf))
 
 
 def _second(run: Run, times: Array) -> Array | None:
@@ -136,20 +192,4 @@ def _judge(times: Array, apart: Array) -> list[str]:
         f"later is a motion that the structure may have, not the one from this start: use statistics of it, or "
         f"choose {advice(exact=True)} where it applies, which says until when it holds. Where smaller steps leave "
         "this note out, the growth is that of steps which do not resolve the impacts"
-    ]
-
-
-def _grown(times: Array, apart: Array, contacts: Array, dt: float) -> list[str]:
-    """Return a note where errors of steps of dt s, made all along a run, grow exponentially to a noticeable size."""
-    growth = float(apart[-1]) / _DISTURBANCE
-    if not contacts.size or not growth >= _GROWTH:
-        return []
-    root = np.sqrt(growth)
-    drift, way = contacts[:, DRIFT], contacts[:, PEAK] - contacts[:, LOWEST]
-    off = root * float(np.max(np.divide(drift, way, out=np.zeros(way.size), where=way > 0.0)))
-    if off <= _DRIFT or times[np.argmax(apart >= root * _DISTURBANCE)] < _EXPONENTIAL * times[-1]:
-        return []
-    return [
-        f"step: the errors of steps of {dt:.4g} s may add up to {min(off, 1.0):.2g} of the motion by the end of the "
-        f"run, as differences grow {growth:.2g} times in it; reduce dt, or choose {advice(exact=True)} where it applies"
     ]

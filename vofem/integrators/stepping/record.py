@@ -16,6 +16,7 @@ from vofem.integrators.stepping.checks import check_contacts
 from vofem.integrators.stepping.kernel import Chunk
 from vofem.kernels.jit import jit
 from vofem.laws.law import END, FORCE, HISTORY, LOSS, START, STORED, Laws, ask, commit_laws
+from vofem.laws.moving import Moving
 from vofem.system import CLOSED, OPEN, ContactLaws
 
 Array = NDArray[np.float64]
@@ -180,7 +181,7 @@ class Record:
 
     def __init__(
         self, times: Array, further: Array, n: int, laws: Laws, histories: int, pots: int, table: Array,
-        probes: ProbeRows | None, rows: Any, order: IntArray,
+        probes: ProbeRows | None, rows: Any, order: IntArray, moving: Moving | None = None,
     ) -> None:  # fmt: skip
         more = further[~np.isin(further, times)]
         wanted = np.append(np.ones(times.size, dtype=bool), np.zeros(more.size, dtype=bool))
@@ -192,7 +193,7 @@ class Record:
         self.histories, self.past = np.zeros((3, histories, times.size)), laws.state.copy()
         self.cursor, self.contact_checks, self.total, self.most = 0, table, np.zeros(2 + pots), 0.0
         self.points: list[Array] = []
-        self._begun, self._laws, self._rows = False, laws, rows
+        self._begun, self._laws, self._rows, self._moving = False, laws, rows, moving
         self._contacts = rows[: table.shape[0]] if len(table) else None
         self._columns = np.zeros(0, dtype=np.int64)
         if self._contacts is not None:
@@ -253,7 +254,7 @@ class Record:
             now = _accelerations(path, np.arange(first, last + 1))[0] if means else path.out[first : last + 1]
             states = (chunk.q[first : last + 1], chunk.v[first : last + 1], now)
             self.points.append(np.vstack([path.t[None, first : last + 1], *(self._points @ x.T for x in states)]))
-        check_contacts(self.contact_checks, chunk.u, self._rates(chunk, last), path.dt, first, last)
+        check_contacts(self.contact_checks, chunk.u, self._rates(chunk, path.t, last), path.dt, first, last)
         totals = np.column_stack([path.work, path.dissipated, path.absorbed])[: last + 1]
         if begun:
             totals[0] = self.total
@@ -265,11 +266,14 @@ class Record:
         self.most = max(self.most, float(np.max(np.abs(totals[:, 0]) + np.abs(totals[:, 1]))))
         path.keep(last)
 
-    def _rates(self, chunk: Chunk, last: int) -> Array:
+    def _rates(self, chunk: Chunk, t: Array, last: int) -> Array:
         """Return the rates of the contacts in the first rows of a path, shape (last + 1, n_contacts)."""
         if self._contacts is None:
             return np.empty((last + 1, 0))
-        return np.asarray((self._contacts @ chunk.v[: last + 1, self._columns].T).T)
+        rates = np.asarray((self._contacts @ chunk.v[: last + 1, self._columns].T).T)
+        if self._moving is None:
+            return rates
+        return rates + self._moving.added_rates(chunk.q[: last + 1].T, chunk.v[: last + 1].T, t[: last + 1]).T
 
     def _store_start(self, path: Path, a: Array) -> None:
         """Store the state at t = 0 at all times that are not later."""

@@ -18,7 +18,7 @@ from vofem.files.whole import replacing, target
 from vofem.histories.impacts import window_of
 from vofem.histories.tables import points_of_interest
 from vofem.io.movies.mode_shapes import mode_snapshots
-from vofem.io.movies.views import HistoryView, PhaseView, SideView, View, side_view
+from vofem.io.movies.views import AxesView, SideView, SpaceView, View, side_view
 from vofem.io.movies.writing import SUFFIXES, check, true_rate, write
 from vofem.progress import Progress, TerminalBar
 from vofem.result import Result
@@ -29,9 +29,9 @@ from vofem.vibration import Modes
 Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
 
-VIEWS = ("side", "history", "phase")
+VIEWS = ("side", "history", "phase", "space")
 
-_SIZES = {"side": (960, 420), "history": (800, 420), "phase": (560, 480)}
+_SIZES = {"side": (960, 420), "history": (800, 420), "phase": (560, 480), "space": (960, 480)}
 
 #: Frames where neither their number nor the speed is given, and most frames.
 _FRAMES, _MOST = 150, 3000
@@ -94,7 +94,8 @@ def animate(
     path : path of a .webp, .gif or .mp4
         mp4 needs the extra ``vofem[movie]``. WebP files are smaller than GIF files, and browsers show both.
     view : str
-        "side"; "history", the displacement of a point over time; or "phase", its velocity over its displacement.
+        "side"; "history", the displacement of a point over time; "phase", its velocity over its displacement; or
+        "space", the structure in three dimensions, which needs a graphics driver.
     point : point, optional
         The point whose history or phase plot is shown. The default is the point of the first contact.
     window : (float, float), optional
@@ -109,7 +110,8 @@ def animate(
     size : (int, int), optional
         Width and height of the picture of one run, pixels.
     magnification : float, optional
-        Factor by which displacements are enlarged in side views. By default one factor is chosen for all runs.
+        Factor by which displacements are enlarged. By default one factor is chosen for the side views of all runs, and
+        in three dimensions one for each run.
     mode : int
         Number of the mode shape, counted from 0.
     scene : Scene, optional
@@ -130,7 +132,8 @@ def animate(
     MissingPackageError
         If a package that the kind of file needs is missing.
     OutputError
-        If the file cannot be written. An earlier file of that name stays as it was, after Ctrl-C too.
+        If there is no graphics driver for the view "space", or the file cannot be written. An earlier file of that name
+        stays as it was, after Ctrl-C too.
 
     Examples
     --------
@@ -189,10 +192,11 @@ def _of_runs(
         at = _known(run, times)
         if view == "side":
             views.append(side_view(run, at, size, magnification, title))
+        elif view == "space":
+            views.append(SpaceView(run, at, size, magnification))
         else:
             place = as_point("animate: point", point or points_of_interest(run.scene)[0])
-            made = HistoryView if view == "history" else PhaseView
-            views.append(made(run, place, at, (begin, end), size, title))
+            views.append(AxesView(run, place, at, (begin, end), size, title, view == "phase"))
     sides = [one for one in views if isinstance(one, SideView) and one.magnification is not None]
     if len(sides) > 1 and magnification is None:
         least = min(one.magnification for one in sides if one.magnification is not None)

@@ -7,7 +7,7 @@ import numpy as np
 from vofem.bodies.base import Point
 from vofem.io.pictures import shapes
 from vofem.io.pictures.drawing import CLOSED, CLOSED_TEXT, Drawing, Label
-from vofem.io.pictures.layout import Layout, moves_across, place_of
+from vofem.io.pictures.layout import Layout, moves_across
 from vofem.io.pictures.pushes import Push
 from vofem.io.pictures.snapshot import Snapshot
 from vofem.io.pictures.units import spell
@@ -68,7 +68,7 @@ def _face(layout: Layout, point: Point, side: float) -> tuple[float, float]:
     """Return where a point is seen on the upper (1) or lower (-1) face of its body, in pixels."""
     lane = layout.lanes[point.body]
     state = lane.state
-    x = float(layout.along(point.body, place_of(point)))
+    x = float(layout.along(point.body, point.x))
     along = layout.along(point.body, state.x)
     eta = float(np.interp(x, along, state.eta)) * layout.motion
     depth = lane.half * float(np.interp(x, along, state.depth))

@@ -11,7 +11,7 @@ from vofem.bodies.base import Point
 from vofem.io.pictures import shapes
 from vofem.io.pictures.arrows import add_gap
 from vofem.io.pictures.drawing import CLOSED, CLOSED_TEXT, GROUND, OPEN, OPEN_TEXT, SPRING, Drawing, Label
-from vofem.io.pictures.layout import MASS_HALF, Layout, moves_across, place_of, side_of_ground
+from vofem.io.pictures.layout import MASS_HALF, Layout, moves_across, side_of_ground
 from vofem.io.pictures.snapshot import Link, Snapshot
 from vofem.io.pictures.units import spell
 
@@ -87,7 +87,7 @@ def _slots(view: Snapshot, layout: Layout) -> tuple[dict[int, float], float]:
             groups.setdefault((id(lane), side), []).append((-1 - i, float(layout.along(body, 0.0))))
     for index, link in enumerate(view.links):
         if link.b is None and not link.rotation and moves_across(link.a.body):
-            at = float(layout.along(link.a.body, place_of(link.a)))
+            at = float(layout.along(link.a.body, link.a.x))
             groups.setdefault((id(layout.lanes[link.a.body]), link.side), []).append((index, at))
     pitch = 60.0 * layout.unit
     slots: dict[int, float] = {}
@@ -164,7 +164,7 @@ def _rotation(drawing: Drawing, layout: Layout, link: Link) -> tuple[float, floa
     ends = []
     for point in (link.a, link.b):
         if point is not None:
-            x = float(layout.along(point.body, place_of(point)))
+            x = float(layout.along(point.body, point.x))
             upper, lower = (_foot(layout, point, x, face).now for face in (1.0, -1.0))
             ends.append((x, 0.5 * (upper + lower)))
     color, width = _COLORS[link.status][0], 3.0 * layout.unit
@@ -179,11 +179,11 @@ def _rotation(drawing: Drawing, layout: Layout, link: Link) -> tuple[float, floa
 def _stop_along(drawing: Drawing, layout: Layout, link: Link, half: float) -> tuple[float, float]:
     """Draw a stop or a spring to ground of a body that moves along its axis; return where its label goes."""
     lane, unit = layout.lanes[link.a.body], layout.unit
-    eta = float(np.interp(place_of(link.a), lane.state.x, lane.state.eta))
-    rest = float(layout.along(link.a.body, place_of(link.a)))
+    eta = float(np.interp(link.a.x, lane.state.x, lane.state.eta))
+    rest = float(layout.along(link.a.body, link.a.x))
     face = 1.0 if link.side == "above" else -1.0
     if link.status in _ALWAYS:  # its ground stands beyond the nearer end
-        face = 1.0 if place_of(link.a) > 0.5 * (lane.state.x[0] + lane.state.x[-1]) else -1.0
+        face = 1.0 if link.a.x > 0.5 * (lane.state.x[0] + lane.state.x[-1]) else -1.0
     free, now = rest + face * link.gap * layout.motion, rest + eta * layout.motion
     pad = free if link.status == "open" else now
     thick = 0.0 if link.status in _ALWAYS else 7.0 * unit
@@ -209,7 +209,7 @@ def _between(drawing: Drawing, layout: Layout, link: Link, half: float) -> tuple
     assert link.b is not None
     ends = []
     for point in (link.a, link.b):
-        ends.append((point, float(layout.along(point.body, place_of(point)))))
+        ends.append((point, float(layout.along(point.body, point.x))))
     a_below = layout.lanes[link.a.body].axis < layout.lanes[link.b.body].axis
     if not a_below:
         ends.reverse()

@@ -6,9 +6,9 @@ from typing import NamedTuple, TypeVar
 
 from vofem.bodies import Beam
 from vofem.bodies.base import Body
-from vofem.effects import Contact, Foundation
+from vofem.effects import Contact, Foundation, RigidStop
 from vofem.errors import ArgumentError
-from vofem.io.pictures.layout import is_line, place_of
+from vofem.io.pictures.layout import is_line
 from vofem.scene import Scene
 
 AnyBody = TypeVar("AnyBody", bound=Body)
@@ -37,7 +37,7 @@ def along_beam(scene: Scene, beam: Body) -> list[Place]:
     places = []
     held = set(scene.model.system.contacts.names) if scene.model.system.contacts is not None else set()
     for effect in scene.effects:
-        if isinstance(effect, Contact):
+        if isinstance(effect, (Contact, RigidStop)):
             surface = (
                 None
                 if effect.b is not None or effect.of == "rotation"
@@ -45,14 +45,14 @@ def along_beam(scene: Scene, beam: Body) -> list[Place]:
                 if effect.side == "below"
                 else effect.gap
             )
-            places += [Place(effect.name, place_of(p), surface) for p in effect.points() if p.body is beam]
+            places += [Place(effect.name, p.x, surface) for p in effect.points() if p.body is beam]
         elif isinstance(effect, Foundation) and effect.beam is beam:
             nodes = [(f"{effect.name}[{node}]", float(x)) for node, x in enumerate(effect.beam.nodes)]
             places += [Place(name, x, -effect.gap) for name, x in nodes if name in held]
     return places
 
 
-def all_contacts(scene: Scene) -> list[Contact]:
+def all_contacts(scene: Scene) -> list[Contact | RigidStop]:
     """Return the contacts of a scene, those of one-sided foundations as if each were declared."""
     laws = scene.model.system.contacts
     if laws is None:

@@ -24,7 +24,7 @@ from vofem.io.pictures.drawing import (
     Label,
     Strip,
 )
-from vofem.io.pictures.layout import BAR, Lane, Layout, arrange, is_line, place_of, side_of_ground
+from vofem.io.pictures.layout import BAR, Lane, Layout, arrange, is_line, side_of_ground
 from vofem.io.pictures.links import add_links
 from vofem.io.pictures.snapshot import Snapshot
 from vofem.io.pictures.units import length, nice_above, nice_below, prefixed, spell, three_digits
@@ -245,8 +245,8 @@ def _joint(drawing: Drawing, layout: Layout, joint: Joint) -> None:
     ends = []
     for point in joint.points():
         lane = layout.lanes[point.body]
-        eta = float(np.interp(place_of(point), lane.state.x, lane.state.eta))
-        ends.append((float(layout.along(point.body, place_of(point))), lane.axis + eta * layout.motion))
+        eta = float(np.interp(point.x, lane.state.x, lane.state.eta))
+        ends.append((float(layout.along(point.body, point.x)), lane.axis + eta * layout.motion))
     if layout.lanes[joint.a.body].axis != layout.lanes[joint.b.body].axis:
         drawing.line([x for x, _ in ends], [y for _, y in ends], BLOCK, 5.0 * layout.unit)
     for x, y in ends:
@@ -260,8 +260,8 @@ def _point_masses(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
     for point in view.weights:
         lane = layout.lanes[point.body]
         state = lane.state
-        eta = float(np.interp(place_of(point), state.x, state.eta)) * layout.motion
-        x = float(layout.along(point.body, place_of(point))) + eta * point.body.shape.direction[0]
+        eta = float(np.interp(point.x, state.x, state.eta)) * layout.motion
+        x = float(layout.along(point.body, point.x)) + eta * point.body.shape.direction[0]
         drawing.dot(x, lane.axis + eta * point.body.shape.direction[1], BLOCK, 1.3 * lane.half)
 
 

@@ -6,7 +6,7 @@ import re
 from difflib import get_close_matches
 from typing import Any
 
-from vofem.bodies import Body
+from vofem.bodies import Body, Point
 from vofem.bodies.kinds import Along
 from vofem.effects.kinds import OnBody
 from vofem.errors import ArgumentError, VofemError
@@ -168,7 +168,7 @@ def _effects(items: list[Item]) -> list[Any]:
 def _numbered(cls: type) -> bool:
     """Return whether effects of a class must have a name, so that those without one are numbered."""
     known = declarations(cls) if is_declared(cls) else {}
-    return "name" in known and isinstance(known["name"].kind, Name)
+    return "name" in known and type(known["name"].kind) is Name
 
 
 # -- the initial state ------------------------------------------------------------------------------
@@ -186,7 +186,7 @@ def _initial(table: Any, place: Place) -> dict[Body, tuple[Any, Any]]:
             here.expected("a table with displacement and velocity", state)
             continue
         here.unknown_keys(state, INITIAL)
-        kind: Kind = Along() if hasattr(body, "at") else Real()
+        kind: Kind = Along() if isinstance(body, Body) and not isinstance(body, Point) else Real()
         values = [kind.read(state[key], here.key(key)) if key in state else 0.0 for key in INITIAL]
         if isinstance(body, Invalid):
             continue

@@ -57,54 +57,34 @@ _AGAIN = "follow the branch again with vofem.continuation"
 FORMAT = 3
 
 
-def save(branch: Branch, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-    """Write a branch to one file; see `vofem.Branch.save`."""
+def save(curve: Branch | Locus, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+    """Write a branch or a locus to one file; see `vofem.Branch.save`."""
     goal = target(path, SUFFIXES)
-    special = branch.special
-    every = [*branch.orbits, *(point.orbit for point in special)]
+    own: dict[str, Any]
+    if isinstance(curve, Branch):
+        own, listed = {"periods": int(curve.periods)}, list(curve.orbits)
+    else:
+        own, listed = {"kind": curve.kind, "contact": curve.contact}, []
+    orbits = [*listed, *(point.orbit for point in curve.special)]
     record = {
-        "values": branch.values,
-        "special": _special(special),
-        "counters": asdict(branch.counters),
-        "notes": list(branch.notes),
-        "periods": int(branch.periods),
-        "interrupted": branch.interrupted,
-        "orbits": _orbits(every, goal.parent),
+        "values": curve.values,
+        "special": [(s.kind, float(s.value), s.contact, float(s.place), float(s.other)) for s in curve.special],
+        "counters": asdict(curve.counters),
+        "notes": list(curve.notes),
+        "interrupted": curve.interrupted,
+        "orbits": _orbits(orbits, goal.parent),
+        **own,
     }
-    return _written(goal, GROUP, record, overwrite)
-
-
-def save_locus(locus: Locus, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-    """Write a locus to one file; see `vofem.Locus.save`."""
-    goal = target(path, SUFFIXES)
-    record = {
-        "values": locus.values,
-        "kind": locus.kind,
-        "contact": locus.contact,
-        "special": _special(locus.special),
-        "counters": asdict(locus.counters),
-        "notes": list(locus.notes),
-        "interrupted": locus.interrupted,
-        "orbits": _orbits([point.orbit for point in locus.special], goal.parent),
-    }
-    return _written(goal, LOCUS, record, overwrite)
+    with writing(goal, overwrite=overwrite) as blocks:
+        group = blocks.file.create_group(GROUP if isinstance(curve, Branch) else LOCUS, track_order=True)
+        mark_format(group, FORMAT)
+        write_tree(group, record)
+    return goal
 
 
 def holds(file: h5py.File) -> str:
     """Return what a file that is open holds: "branch", "locus", or nothing of the two."""
     return "branch" if GROUP in file else "locus" if LOCUS in file else ""
-
-
-def _written(goal: Path, group: str, record: dict[str, Any], overwrite: bool) -> Path:
-    with writing(goal, overwrite=overwrite) as blocks:
-        own = blocks.file.create_group(group, track_order=True)
-        mark_format(own, FORMAT)
-        write_tree(own, record)
-    return goal
-
-
-def _special(points: Sequence[SpecialPoint]) -> list[Any]:
-    return [(s.kind, float(s.value), s.contact, float(s.place), float(s.other)) for s in points]
 
 
 def _orbits(orbits: Sequence[PeriodicOrbit], folder: Path) -> dict[str, Any]:
@@ -150,28 +130,14 @@ def read(file: h5py.File) -> Branch | Locus:
         SpecialPoint(kind, value, makers[count + k](), contact, place, other)
         for k, (kind, value, contact, place, other) in enumerate(record["special"])
     ]
+    values, counters = record["values"], BranchCounters(**record["counters"])
+    shared = {"notes": record["notes"], "interrupted": record["interrupted"]}
     if GROUP not in file:
-        return Locus(
-            record["values"],
-            record["kind"],
-            special,
-            BranchCounters(**record["counters"]),
-            contact=record["contact"],
-            notes=record["notes"],
-            interrupted=record["interrupted"],
-        )
+        return Locus(values, record["kind"], special, counters, contact=record["contact"], **shared)
     orbits = Orbits(makers[:count])
     free = bool(np.any(kept["autonomous"]))
-    return Branch(
-        record["values"],
-        orbits,
-        special,
-        BranchCounters(**record["counters"]),
-        notes=record["notes"],
-        periods=record["periods"],
-        interrupted=record.get("interrupted", False),
-        source=None if free else _Loaded(kept, record["values"], special, orbits, folder),
-    )
+    source = None if free else _Loaded(kept, values, special, orbits, folder)
+    return Branch(values, orbits, special, counters, periods=record["periods"], source=source, **shared)
 
 
 def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicOrbit]:

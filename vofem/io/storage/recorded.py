@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem.bodies import Beam, Body, BodyPoint
+from vofem.bodies import Beam, Body, Point
 from vofem.bodies.coefficient import evaluate_along
 from vofem.errors import MissingCallableError
 from vofem.io.storage.tree import name_of_class
@@ -224,9 +224,9 @@ class Recorder:
     def _value(self, value: Any, name: str, thing: Any, beam: Any, bodies: Mapping[Body, Body]) -> Any:
         if isinstance(value, Body):
             return bodies.get(value, value)
-        if isinstance(value, BodyPoint):
+        if isinstance(value, Point):
             body: Any = bodies.get(value.body, value.body)
-            return value if body is value.body else BodyPoint(body, value.x)
+            return value if body is value.body else Point(body, value.x)
         if isinstance(value, TimeFunction):
             return self.function(value)
         if not callable(value) or is_plain(value):

@@ -13,17 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.files.hdf5 import FILTERS, Blocks
-from vofem.io.series.grid import Grid
-from vofem.io.series.placement import place
-from vofem.io.storage.blocks import block_slices, empty_dataset
+from vofem.io.frames import Frames
+from vofem.io.storage.blocks import empty_dataset
 from vofem.result import Result
 
 Array = NDArray[np.float64]
 
 #: Number of frames that are written by default. Fields on the grid take several times as much space as the history.
 _MOST_FRAMES = 1000
-
-_POINTS_PER_ELEMENT = 5
 
 
 def frame_times(times: Array, most: int = _MOST_FRAMES) -> Array:
@@ -35,7 +32,7 @@ def frame_times(times: Array, most: int = _MOST_FRAMES) -> Array:
 
 
 def write_fields(blocks: Blocks, group: h5py.Group, result: Result, times: Array, magnification: float = 1.0) -> None:
-    """Write geometry and fields, as `vofem.io.vtk.write_series` does, at some times.
+    """Write points, cells and fields of `vofem.Result.frame` at some times.
 
     Parameters
     ----------
@@ -46,7 +43,7 @@ def write_fields(blocks: Blocks, group: h5py.Group, result: Result, times: Array
     magnification : float
         By which gaps are drawn larger.
     """
-    grid = Grid(result, place(result.scene, magnification), _POINTS_PER_ELEMENT)
+    grid = Frames(result, magnification)
     # VTK wants a string of fixed length in ASCII.
     group.attrs.create("Type", b"UnstructuredGrid", dtype="S16")
     group.attrs["Version"] = np.array([2, 0], dtype=np.int64)
@@ -64,24 +61,23 @@ def write_fields(blocks: Blocks, group: h5py.Group, result: Result, times: Array
     _fields(blocks, group, grid, times)
 
 
-def _geometry(group: h5py.Group, grid: Grid) -> None:
-    cells = grid.cells
+def _geometry(group: h5py.Group, grid: Frames) -> None:
     for name, count in (
         ("NumberOfPoints", grid.points.shape[0]),
-        ("NumberOfCells", cells.types.size),
-        ("NumberOfConnectivityIds", cells.connectivity.size),
+        ("NumberOfCells", grid.types.size),
+        ("NumberOfConnectivityIds", grid.connectivity.size),
     ):
         group[name] = np.array([count], dtype=np.int64)
     for name, values in (
         ("Points", grid.points),
-        ("Connectivity", cells.connectivity),
-        ("Offsets", np.concatenate([[0], cells.offsets]).astype(np.int64)),
-        ("Types", cells.types),
+        ("Connectivity", grid.connectivity),
+        ("Offsets", grid.offsets.astype(np.int64)),
+        ("Types", grid.types),
     ):
         group.create_dataset(name, data=values, **FILTERS)
 
 
-def _fields(blocks: Blocks, group: h5py.Group, grid: Grid, times: Array) -> None:
+def _fields(blocks: Blocks, group: h5py.Group, grid: Frames, times: Array) -> None:
     kinds = ("PointData", "CellData")
     places = {kind: (group.create_group(kind), group.create_group(f"Steps/{kind}Offsets")) for kind in kinds}
     for kind, constant in zip(kinds, (grid.point_data, grid.cell_data), strict=True):
@@ -89,11 +85,10 @@ def _fields(blocks: Blocks, group: h5py.Group, grid: Grid, times: Array) -> None
         for name, values in constant.items():
             data.create_dataset(name, data=values, **FILTERS)
             offsets[name] = np.zeros(times.size, dtype=np.int64)
-    for part in block_slices(times.size, grid.bytes_per_frame):
-        frames = grid.frames(times[part])
-        for kind, changing in zip(kinds, (frames.point_data, frames.cell_data), strict=True):
+    for part, *changing in grid.blocks(times):
+        for kind, fields in zip(kinds, changing, strict=True):
             data, offsets = places[kind]
-            for name, values in changing.items():
+            for name, values in fields.items():
                 count = values.shape[1]
                 if name not in data:
                     empty_dataset(data, name, (times.size * count, *values.shape[2:]), values.dtype)

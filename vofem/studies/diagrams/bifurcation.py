@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,14 +15,10 @@ from vofem._validate import choice, name_of
 from vofem.errors import ArgumentError, VofemError
 from vofem.progress import SweepProgress
 from vofem.scene import Scene
-from vofem.studies.diagrams.stroboscope import Stroboscope, order_of, plain_state, state_from, stroboscope
-from vofem.studies.sweep import Sweep
+from vofem.studies.diagrams.stroboscope import Stroboscope, order_of, stroboscope
 from vofem.studies.sweep.sweeping import sweep
 
 Array = NDArray[np.float64]
-
-#: Values that a sweep with carried states computes in one go: what is lost at most if it is killed.
-_LINK = 10
 
 STARTS = ("rest", "up", "down")
 
@@ -152,12 +147,19 @@ def bifurcation_diagram(
     failed = [str(one) for one in rest.failed]
     samples = {"rest": np.moveaxis(rest["looks"], 0, 2)}
     if follow:
-        chains = {"up": np.argsort(given, kind="stable"), "down": np.argsort(-given, kind="stable")}
-        found, errors = _followed(build, given, how, chains, _beside(store, "follow"), options)
-        samples |= found
-        failed += errors
-    names = tuple(json.loads(next(name for name in rest["names"] if name)))
-    return BifurcationDiagram(given, names, samples, tuple(failed))
+        orders = {"up": np.argsort(given, kind="stable"), "down": np.argsort(-given, kind="stable")}
+        chains = sweep(
+            functools.partial(_chain, build=build, how=how),
+            [{"values": given[order].tolist()} for order in orders.values()], store=_beside(store, "follow"), **options,
+        )  # fmt: skip
+        if chains.failed:
+            raise ArgumentError(f"bifurcation_diagram: {chains.failed[0].error}")
+        for k, (name, order) in enumerate(orders.items()):
+            samples[name] = np.empty_like(chains["looks"][k])
+            samples[name][:, :, order] = chains["looks"][k]
+            failed += [f"{name}: {message}" for message in chains["errors"][k] if message]
+    names = next(names for names in rest["names"] if all(names))
+    return BifurcationDiagram(given, tuple(map(str, names)), samples, tuple(failed))
 
 
 def _beside(store: Any, part: str) -> Path | None:
@@ -171,66 +173,22 @@ def _beside(store: Any, part: str) -> Path | None:
 def _from_rest(value: float, build: Callable[[float], Scene], how: Stroboscope) -> dict[str, Any]:
     scene = build(value)
     samples, _ = how.samples(scene)
-    return {"looks": samples, "names": json.dumps(how.names(scene))}
+    return {"looks": samples, "names": how.names(scene)}
 
 
-def _followed(
-    build: Callable[[float], Scene],
-    values: Array,
-    how: Stroboscope,
-    chains: dict[str, NDArray[np.int64]],
-    store: Path | None,
-    options: dict[str, Any],
-) -> tuple[dict[str, Array], list[str]]:
-    """Return the samples along rising and falling values, and the messages of runs that failed."""
-    function = functools.partial(_chain, build=build, how=how)
-    states: dict[str, Any] = dict.fromkeys(chains)
-    samples: dict[str, list[Array]] = {name: [] for name in chains}
-    errors: list[str] = []
-    for first in range(0, values.size, _LINK):
-        links = {name: _padded(values[order[first : first + _LINK]]) for name, order in chains.items()}
-        points = [{"values": links[name], "state": states[name]} for name in chains]
-        table: Sweep = sweep(function, points, store=store, **options)
-        if table.failed:
-            raise ArgumentError(f"bifurcation_diagram: {table.failed[0].error}")
-        for k, name in enumerate(chains):
-            samples[name].append(table["looks"][k])
-            states[name] = json.loads(str(table["end"][k]))
-            errors += [f"{name}: {message}" for message in json.loads(str(table["errors"][k]))]
-    result = {}
-    for name, order in chains.items():
-        along = np.concatenate(samples[name], axis=2)[:, :, : order.size]
-        result[name] = np.empty_like(along)
-        result[name][:, :, order] = along
-    return result, errors
-
-
-def _padded(values: Array) -> list[float | None]:
-    """Return the values of one link of a chain; all links are of one length, so that their rows agree in shape."""
-    return [*values.tolist(), *[None] * (_LINK - values.size)]
-
-
-def _chain(
-    values: Sequence[float | None], state: dict[str, Any] | None, build: Callable[[float], Scene], how: Stroboscope
-) -> dict[str, Any]:
+def _chain(values: Sequence[float], build: Callable[[float], Scene], how: Stroboscope) -> dict[str, Any]:
     """Run scenes one after the other, each from the end of the one before."""
-    current = state_from(state)
+    end = None
     found: list[Array] = []
     errors: list[str] = []
     for value in values:
-        if value is None:
-            found.append(np.full_like(found[0], np.nan))
-            continue
         scene = build(value)
+        error = ""
         try:
-            samples, current = how.samples(scene, current)
-        except VofemError as error:
+            samples, end = how.samples(scene, end)
+        except VofemError as fault:
             samples = np.full((2, len(how.names(scene)), how.periods), np.nan)
-            errors.append(f"value {value!r}: {type(error).__name__}: {error}")
+            error = f"value {value!r}: {type(fault).__name__}: {fault}"
         found.append(samples)
-    end = None if current is None else plain_state(current)
-    return {
-        "looks": np.moveaxis(np.array(found), 0, 2),
-        "end": json.dumps(end, default=lambda value: value.tolist()),
-        "errors": json.dumps(errors),
-    }
+        errors.append(error)
+    return {"looks": np.stack(found, axis=2), "errors": errors}

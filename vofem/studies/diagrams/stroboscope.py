@@ -14,6 +14,7 @@ from vofem.initial import StoredState
 from vofem.scene import Scene
 from vofem.simulate.simulation import simulate
 from vofem.studies.steady.loads import load_period
+from vofem.studies.steady.stroboscope import poincare
 
 Array = NDArray[np.float64]
 
@@ -54,7 +55,8 @@ class Stroboscope:
         period = load_period("stroboscope", scene.model.system, self.period).period
         times = period * np.arange(self.skip + 1, self.skip + self.periods + 1)
         result = simulate(scene, float(times[-1]), times=times, initial=initial, method=self.method, progress=False)
-        samples = [(result.displacement(point), result.velocity(point)) for point in self._of(scene)]
+        section = poincare(result, period, skip=self.skip + 1)
+        samples = [(section.displacement(point), section.velocity(point)) for point in self._of(scene)]
         return np.array(samples).transpose(1, 0, 2), result.as_start()
 
     def names(self, scene: Scene) -> tuple[str, ...]:
@@ -101,20 +103,3 @@ def order_of(samples: Array, tolerance: Array) -> int:
         if np.all(np.abs(samples[..., k:] - samples[..., :-k]) <= tolerance):
             return k
     return 0
-
-
-def plain_state(state: StoredState) -> dict[str, Any]:
-    """Return a state as plain data, which can be a value of a point of a sweep."""
-    return {
-        "states": {name: [q, v] for name, (q, v) in state.states.items()},
-        "springs": dict(state.springs),
-        "springpots": list(state.springpots),
-    }
-
-
-def state_from(plain: dict[str, Any] | None) -> StoredState | None:
-    """Return the state that `plain_state` has given as plain data."""
-    if plain is None:
-        return None
-    states = {name: (np.asarray(q), np.asarray(v)) for name, (q, v) in plain["states"].items()}
-    return StoredState(states, plain["springs"], tuple(plain["springpots"]))

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, overload
+from typing import Any, Protocol, cast, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +99,33 @@ class Orbits(Sequence[PeriodicOrbit]):
         return (self[k] for k in range(len(self)))
 
 
-class Branch(Shown):
+class Saved(Shown):
+    """A curve of orbits that files hold and that notebooks show."""
+
+    def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+        """Write the curve to one file, from which `vofem.load` restores it.
+
+        Parameters
+        ----------
+        path : path
+            Name of the file; it ends in .h5 or .hdf.
+        overwrite : bool
+            Whether an existing file of that name is replaced.
+
+        Raises
+        ------
+        ArgumentError
+            If the suffix is another one.
+        OutputError
+            If the file exists and is not to be overwritten, or cannot be written.
+        """
+        # Late, because studies know no file format.
+        from vofem.io.storage.branch_file import save
+
+        return save(cast(Any, self), path, overwrite=overwrite)
+
+
+class Branch(Saved):
     """A branch of periodic orbits along a parameter.
 
     Attributes
@@ -246,25 +272,3 @@ class Branch(Shown):
         if self._source is None:
             raise ArgumentError(f"{what}: a backbone has no parameter of scenes; ask vofem.backbone for other levels")
         return self._source
-
-    def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-        """Write the branch to one file, from which `vofem.load` restores it.
-
-        Parameters
-        ----------
-        path : path
-            Name of the file; it ends in .h5 or .hdf.
-        overwrite : bool
-            Whether an existing file of that name is replaced.
-
-        Raises
-        ------
-        ArgumentError
-            If the suffix is another one.
-        OutputError
-            If the file exists and is not to be overwritten, or cannot be written.
-        """
-        # Late, because studies know no file format.
-        from vofem.io.storage.branch_file import save
-
-        return save(self, path, overwrite=overwrite)

@@ -101,6 +101,30 @@ def pair(point: Point) -> float:
     return float(size[np.argmin(np.abs(size - 1.0))] - 1.0)
 
 
+def stays_on_circle(point: Point) -> bool:
+    """Return whether a complex pair lies on the unit circle, as most do without damping; `pair` is then rounding."""
+    values = multipliers(point)
+    assert values is not None
+    away = np.abs(np.abs(values[~_real(values)]) - 1.0)
+    return bool(np.min(away, initial=1.0) <= _ON_CIRCLE)
+
+
+def collision(point: Point) -> float:
+    """Return the test of two pairs that meet on the unit circle and leave it, as without damping.
+
+    With z = a + 1/a of a multiplier a, all z of such pairs are real, and two that meet become complex. Their squared
+    difference changes its sign.
+    """
+    values = multipliers(point)
+    assert values is not None
+    upper = values[~_real(values) & (values.imag > 0.0)]
+    z = upper + 1.0 / upper
+    squares = np.square(np.subtract.outer(z, z)[np.triu_indices(z.size, 1)]).real
+    if not squares.size:
+        raise ConvergenceError("the pair has become real")
+    return float(squares.min())
+
+
 def pairs_at_one(reference: Point) -> Test:
     """Return the test of a complex pair on the unit circle: the product of all ``1 - a b`` of two multipliers a, b.
 

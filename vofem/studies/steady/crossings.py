@@ -20,6 +20,7 @@ from vofem.studies.steady.census import (
     Census,
     Test,
     census,
+    collision,
     counted,
     determinant,
     kind_of,
@@ -30,6 +31,7 @@ from vofem.studies.steady.census import (
     pair,
     pairs_at_one,
     real_at,
+    stays_on_circle,
     turning,
 )
 from vofem.studies.steady.extended import Extended, SpecialEquations
@@ -253,7 +255,9 @@ def _single(family: Family, interval: Interval, step: Step) -> list[SpecialPoint
         found += _located(family, interval, step, "branch_point", at_one, passed, 0)
     if changes is not None:
         found += _located(family, interval, step, "period_doubling", real_at(-1.0), changes.minus, 1)
-        found += _located(family, interval, step, "neimark_sacker", pair, changes.pairs, 2)
+        without_loss = stays_on_circle(step.first) and stays_on_circle(step.last)
+        at_pair = collision if without_loss else pair
+        found += _located(family, interval, step, "neimark_sacker", at_pair, changes.pairs, 2)
     if not found and outside(step.first) != outside(step.last):
         found = _by_modulus(family, interval, step)
     return found

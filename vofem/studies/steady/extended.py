@@ -111,6 +111,11 @@ class ExtendedEvaluation:
             values = np.delete(values, int(np.argmin(np.abs(values - one))))
         return values
 
+    @property
+    def extremes(self) -> list[Any]:
+        """The extremes of gap functions at which contacts might switch."""
+        return list(self.orbit.extremes)
+
     def compare(self, flow: Any) -> float:
         """Return `closing` from a known flow over the orbit."""
         return float(self.orbit.compare(flow))
@@ -373,10 +378,6 @@ class Extended:
     def first_touch(self, evaluation: ExtendedEvaluation, flow: Any) -> Any:
         """Return the extreme at the first touch of a flow that is none of the signature's."""
         return self.inner.first_touch(evaluation.orbit, flow)
-
-    def extremes(self, problem: Any, evaluation: ExtendedEvaluation) -> list[Any]:
-        """Return the extremes of gap functions at which contacts might switch."""
-        return list(self.inner.extremes(problem, evaluation.orbit))
 
     # -- other signatures -----------------------------------------------------------------------------
 

@@ -20,7 +20,7 @@ from vofem.studies.steady.point import ORIGIN, Interval, Point, corrected, deriv
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.signature import Signature
 from vofem.studies.steady.special import SpecialPoint, special_at
-from vofem.studies.steady.touching import Passage, ending, passage
+from vofem.studies.steady.touching import Passage, ending, passage, what_contacts_do
 
 Array = NDArray[np.float64]
 
@@ -29,6 +29,10 @@ FIRST, LARGEST, LEAST = 0.01, 0.1, 1e-10
 
 #: Cosine of the angle between successive tangents below which a step is rejected, and the desired angle in rad.
 _REFUSED, _AIM = np.cos(np.radians(25.0)), np.radians(9.0)
+
+#: Largest difference of the direction from one orbit to the next from the mean of the branch's directions at both, and
+#: the share of the largest step below which it is not looked at.
+_APART, _LEAST_SHARE = 0.1, 1e-3
 
 #: Cosine of the angle below which a step is rejected at a corner of a branch, and the largest step at a corner.
 _CORNER, _SHORT = np.cos(np.radians(80.0)), 1e-4
@@ -178,10 +182,7 @@ class Follower:
                 self._count("rejected_flows")
                 step *= _SHRINK
                 if step < LEAST:
-                    track.notes.append(
-                        f"the {self.noun} was lost at {now.value:.12g}: Newton's method does not converge for the "
-                        f"smallest step{self._why}; the motion beyond may chatter or touch two contacts at once"
-                    )
+                    track.notes.append(self._lost(now))
                     break
                 continue
             now, step = after
@@ -193,6 +194,16 @@ class Follower:
         self.counters.points = len(track.points)
         track.special.sort(key=lambda mark: mark.place)
         return track
+
+    def _lost(self, now: Point) -> str:
+        """Return what is known about the place where no further orbit was found."""
+        known = what_contacts_do(now)
+        seen = "; there " + ", and ".join(known) if known else ""
+        return (
+            f"the {self.noun} was lost at {now.value:.12g}: Newton's method does not converge for the smallest "
+            f"step{self._why}{seen}. To go on, follow from an orbit beyond: vofem.continuation(..., guess=) with a run "
+            "there that has settled, or with periods="
+        )
 
     def _advanced(self, now: Point, step: float) -> tuple[Point, float] | None:
         """Return the next point and step, or None where the step was too long."""
@@ -329,6 +340,12 @@ class Follower:
         if tangent @ towards < refused:
             self._why = " (the branch turns too far in one step)"
             return None
+        if chart.segmented and step > _LEAST_SHARE * self.largest:
+            # Along one branch the way between two neighbours has the mean of their directions.
+            mean = now.tangent + tangent * scales / now.scales
+            if np.linalg.norm(secant / np.linalg.norm(secant) - mean / np.linalg.norm(mean)) > _APART:
+                self._why = " (the step led to another branch)"
+                return None
         return Point(chart, y, problem, evaluation, scales, by_value, tangent)
 
     def _take(self, step: Step | None, point: Point | None = None) -> None:

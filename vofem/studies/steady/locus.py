@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,12 +11,11 @@ from numpy.typing import NDArray
 
 from vofem._validate import number, whole
 from vofem.blas import one_thread
-from vofem.cards import Shown
 from vofem.errors import ArgumentError, ConvergenceError, MethodError
 from vofem.progress import Progress
 from vofem.scene import Scene
 from vofem.studies.steady.between import Step
-from vofem.studies.steady.branch import BranchCounters
+from vofem.studies.steady.branch import BranchCounters, Saved
 from vofem.studies.steady.branch_progress import branch_progress
 from vofem.studies.steady.census import Test, kind_of, multipliers, pairs_at_one, real_at, turning
 from vofem.studies.steady.crossings import root
@@ -61,7 +58,7 @@ _SLOWEST = 1e-3
 _PAIR = "neimark_sacker"
 
 
-class Locus(Shown):
+class Locus(Saved):
     """The curve of a special point of periodic orbits in two parameters.
 
     Attributes
@@ -110,28 +107,6 @@ class Locus(Shown):
         low, high = self.values.min(axis=0), self.values.max(axis=0)
         spans = f"value {low[0]:.6g} to {high[0]:.6g}, other {low[1]:.6g} to {high[1]:.6g}"
         return f"Locus({self.kind}, {len(self)} points, {spans}; {shown or 'nothing special'})"
-
-    def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-        """Write the curve to one file, from which `vofem.load` restores it.
-
-        Parameters
-        ----------
-        path : path
-            Name of the file; it ends in .h5 or .hdf.
-        overwrite : bool
-            Whether an existing file of that name is replaced.
-
-        Raises
-        ------
-        ArgumentError
-            If the suffix is another one.
-        OutputError
-            If the file exists and is not to be overwritten, or cannot be written.
-        """
-        # Late, because studies know no file format.
-        from vofem.io.storage.branch_file import save_locus
-
-        return save_locus(self, path, overwrite=overwrite)
 
 
 @one_thread
@@ -397,7 +372,7 @@ def _touch(problem: Shooting, inner: Any, y: Array, special: SpecialPoint) -> tu
     for p, k in inner.touches:
         if k == p + 1 and inner.switches[k].contact == contact and lengths[k] <= _SHORT:
             return inner, y, k
-    low = [e for e in inner.extremes(problem, inner.evaluate(problem, y)) if e.contact == contact]
+    low = [e for e in inner.evaluate(problem, y).extremes if e.contact == contact]
     if not low or min(abs(e.height) for e in low) > _LOW:
         raise ArgumentError(
             f"locus: the orbit of special does not graze contact {special.contact!r}. Expected the grazing of a branch"

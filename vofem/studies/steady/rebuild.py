@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from vofem.assembly import Model
-from vofem.bodies import BodyPoint
-from vofem.bodies.base import Body
+from vofem.bodies import Body, Point
 from vofem.effects import Contact
 from vofem.integrators.event_driven.flow import share_modes
 from vofem.parameters import declarations, is_declared
@@ -105,7 +104,7 @@ def _same(new: Any, old: Any, partners: dict[int, Body]) -> bool:
         return partners[id(new)] is old
     if type(new) is not type(old):
         return False
-    if isinstance(new, BodyPoint):
+    if isinstance(new, Point) and not isinstance(new, Body):
         return partners.get(id(new.body)) is old.body and bool(new.x == old.x)
     if new is None or isinstance(new, (bool, int, float, complex, str, np.generic)):
         return bool(new == old)

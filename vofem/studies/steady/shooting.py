@@ -274,9 +274,18 @@ def shooting_refusal(scene: Scene) -> str | None:
     """Return why shooting cannot treat a scene, and what can, or None."""
     system = scene.model.system
     reason = refusal(system)
+    sliders = system.sliders
+    if reason is None and sliders is not None:
+        return sliders.refusal("a search of periodic orbits")
+    if reason is None and system.contacts is not None:
+        reason = system.contacts.rigid_refusal("a search of periodic orbits")
+        if reason is not None:
+            return reason
     if reason is not None:
         why = reason.split(". Use ")[0].rstrip(".")
         return f"{why}; shooting needs what event_driven needs. Use method='harmonic_balance'"
+    if system.contacts is not None and system.contacts.moving is not None:
+        return system.contacts.moving_refusal("shooting")
     if system.size > MOST_UNKNOWNS and not condensable(system):
         return (
             f"the scene has {system.size} degrees of freedom, shooting takes at most {MOST_UNKNOWNS} where many "

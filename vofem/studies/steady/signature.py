@@ -31,11 +31,12 @@ from vofem.system import CLOSED, OPEN, PINNED
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-#: Samples of an orbit among which extremes of gap functions are searched, at least so many in a segment.
-_SAMPLES, _LEAST_SAMPLES = 600, 16
+#: Samples of an orbit from which its range is refined, samples among which extremes of gap functions are searched, and
+#: the least number in a segment.
+_SAMPLES, _SEARCHED, _LEAST_SAMPLES = 600, 2500, 16
 
-#: Parts into which a bracket of an extreme is divided, and how many times.
-_PARTS, _CUTS = 40, 8
+#: Height of an extreme, over the size of the motion, below which it is not computed exactly.
+_LOW = -0.05
 
 #: The anchor is moved if a switch comes nearer to it than this share of the longest segment.
 _NEAR_ANCHOR = 0.15
@@ -124,9 +125,8 @@ class SignatureEvaluation:
         for k, duration in enumerate(self.path.durations.tolist()):
             if duration <= 0.0:
                 continue
-            motion, tau = self.path.motion(k), _times(duration, self.problem.duration)
-            z, v = motion.modes(tau)
-            u, rate = row @ z, row @ v
+            motion, count = self.path.motion(k), _count(duration, self.problem.duration, _SAMPLES)
+            tau, (u,), (rate,) = motion.sampled(row[None], 0.0, duration, count)
             values += [float(u.min()), float(u.max())]
             for i in np.flatnonzero(rate[:-1] * rate[1:] < 0.0).tolist():
                 reach = max(abs(rate[i]), abs(rate[i + 1])) * (tau[i + 1] - tau[i])
@@ -138,6 +138,50 @@ class SignatureEvaluation:
                 place = _root_of_rate(motion, row, begin, end)
                 values.append(float(row @ motion.modes(np.array([place]))[0][:, 0]))
         return min(values), max(values)
+
+    @cached_property
+    def extremes(self) -> list[Extreme]:
+        """The extremes of all gap functions inside segments at which the contact might switch.
+
+        Those far from their gaps are not exact.
+        """
+        found: list[Extreme] = []
+        for k, duration in enumerate(self.path.durations.tolist() if self.problem.system.contacts is not None else ()):
+            contacts = np.flatnonzero(self.chart.statuses[k] != PINNED).tolist()
+            if duration > 0.0 and contacts:
+                count = _count(duration, self.problem.duration, _SEARCHED)
+                found += self.extremes_in(k, contacts, (0.0, duration), count)
+        return found
+
+    def extremes_in(
+        self, segment: int, contacts: Sequence[int], times: tuple[float, float], count: int
+    ) -> list[Extreme]:
+        """Return the extremes of some gap functions between two times of a segment, from a number of samples."""
+        problem, motion, found = self.problem, self.path.motion(segment), []
+        laws, rows = problem.system.contacts, problem.space.contacts[contacts]
+        assert laws is not None
+        gaps, sizes = laws.gap[contacts], self.size_of(contacts)
+        signs = np.where(self.chart.statuses[segment][contacts] == CLOSED, -1.0, 1.0)
+        tau, values, rates = motion.sampled(rows, *times, count)
+        values, rates = signs[:, None] * (values - gaps[:, None]) / sizes[:, None], signs[:, None] * rates
+        for j, i in np.argwhere((rates[:, :-1] > 0.0) & (rates[:, 1:] <= 0.0)).tolist():
+            step = tau[i + 1] - tau[i]
+            place = tau[i] + step * rates[j, i] / (rates[j, i] - rates[j, i + 1])
+            height = float(values[j, i : i + 2].max() + 0.25 * step * rates[j, i] / sizes[j])
+            if height > _LOW:
+                place = _root_of_rate(motion, rows[j], tau[i], tau[i + 1])
+                z = motion.modes(np.array([place]))[0][:, 0]
+                height = float(signs[j] * (rows[j] @ z - gaps[j]) / sizes[j])
+            phase = (float(self.path.times[segment]) + float(place)) * problem.loads.omega
+            found.append(Extreme(contacts[j], segment, phase, height))
+        return found
+
+    def size_of(self, contacts: Sequence[int] | int) -> Array:
+        """Return the sizes by which heights of extremes of contacts are divided."""
+        laws = self.problem.system.contacts
+        assert laws is not None
+        norms = np.linalg.norm(self.problem.space.contacts[contacts], axis=-1)
+        return np.maximum(norms * self.sizes[0], np.abs(laws.gap[contacts]))
 
     def change_after(self, time: float) -> Array:
         """Return by how much the modal state has changed after a time in s from the anchor on, shape (2n,)."""
@@ -258,6 +302,11 @@ class Signature:
         """Return the lengths of all segments in rad, shape (n_switches + 1,)."""
         known = y[y.size - len(self.switches) :]
         return np.append(known, self.turn - known.sum())
+
+    def rates(self, direction: Array) -> Array:
+        """Return the changes of all lengths in a direction of the coordinates and the parameter, (n_switches + 1,)."""
+        known = direction[direction.size - 1 - len(self.switches) : -1]
+        return np.append(known, -known.sum())
 
     def phases(self, y: Array) -> Array:
         """Return the phases of the switches in rad, shape (n_switches,)."""
@@ -470,41 +519,9 @@ class Signature:
             high = min((later[0] / omega - begun) if later else duration, duration)
             if high <= low:
                 return None
-            found = self._extremes_in(problem, evaluation, segment, event.contact, np.linspace(low, high, 33))
+            found = evaluation.extremes_in(segment, [event.contact], (low, high), 32)
             return max(found, key=lambda e: e.height, default=None)
         return None
-
-    def extremes(self, problem: Shooting, evaluation: SignatureEvaluation) -> list[Extreme]:
-        """Return the extremes of all gap functions inside segments at which the contact might switch."""
-        if problem.system.contacts is None:
-            return []
-        found: list[Extreme] = []
-        for k, duration in enumerate(evaluation.path.durations.tolist()):
-            if duration <= 0.0:
-                continue
-            tau = _times(duration, problem.duration)
-            for j in np.flatnonzero(self.statuses[k] != PINNED).tolist():
-                found += self._extremes_in(problem, evaluation, k, j, tau)
-        return found
-
-    @staticmethod
-    def _extremes_in(
-        problem: Shooting, evaluation: SignatureEvaluation, segment: int, contact: int, tau: Array
-    ) -> list[Extreme]:
-        """Return the extremes of one gap function between times of a segment, shape (m,)."""
-        laws, row = problem.system.contacts, problem.space.contacts[contact]
-        assert laws is not None
-        motion, found = evaluation.path.motion(segment), []
-        size = max(float(np.linalg.norm(row)) * evaluation.sizes[0], abs(float(laws.gap[contact])))
-        sign = -1.0 if evaluation.chart.statuses[segment][contact] == CLOSED else 1.0
-        rate = sign * (row @ motion.modes(tau)[1])
-        for i in np.flatnonzero((rate[:-1] > 0.0) & (rate[1:] <= 0.0)).tolist():
-            place = _root_of_rate(motion, row, tau[i], tau[i + 1])
-            z = motion.modes(np.array([place]))[0][:, 0]
-            height = sign * (float(row @ z) - float(laws.gap[contact])) / size
-            phase = (float(evaluation.path.times[segment]) + place) * problem.loads.omega
-            found.append(Extreme(contact, segment, phase, height))
-        return found
 
     # -- other signatures -----------------------------------------------------------------------------
 
@@ -650,19 +667,26 @@ def _mean(path: Path, contact: int, partner: int, index: int) -> tuple[float, Ar
     return value, derived
 
 
-def _times(duration: float, whole: float) -> Array:
-    """Return times within a segment of an orbit at which its motion is sampled."""
-    return np.linspace(0.0, duration, max(_LEAST_SAMPLES, int(_SAMPLES * duration / whole)) + 1)
+def _count(duration: float, whole: float, samples: int) -> int:
+    """Return the number of samples in a segment of an orbit that is sampled at so many times."""
+    return max(_LEAST_SAMPLES, int(samples * duration / whole))
 
 
 def _root_of_rate(motion: Motion, row: Array, low: float, high: float) -> float:
     """Return where a rate vanishes between two times of a segment at which it has opposite signs."""
-    for _ in range(_CUTS):
-        tau = np.linspace(low, high, _PARTS + 1)
-        rate = row @ motion.modes(tau)[1]
-        k = int(np.argmax(rate[:-1] * rate[1:] <= 0.0))
-        low, high = float(tau[k]), float(tau[k + 1])
-    return low
+    from scipy.optimize import brentq
+
+    rate = motion.regime.over_blocks(row[None])[1]
+    begin = float(row @ motion.velocity)
+
+    def at(tau: float) -> float:
+        return begin + float(rate @ motion.changes(np.array([tau]))[0].ravel())
+
+    if at(low) * at(high) >= 0.0:
+        # One of both is rounding.
+        return low if abs(at(low)) <= abs(at(high)) else high
+    found: float = brentq(at, low, high, xtol=4.0 * np.finfo(float).eps * high)
+    return found
 
 
 def signature_of(problem: Shooting, flow: Flow) -> tuple[Signature, Array]:

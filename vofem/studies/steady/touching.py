@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
+from vofem.studies.steady.between import Step, point_between
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.near import CLOSES
 from vofem.studies.steady.point import Interval, Point, corrected, derivative_by_value, tangent_at
 from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Extreme, Signature
+from vofem.system import CLOSED, OPEN, PINNED
 
 Array = NDArray[np.float64]
 
@@ -38,6 +40,17 @@ _OUTSIDE = 0.05
 
 #: Changes that are located in one step at most, to find the first of them.
 _MOST = 8
+
+#: Distance of an extreme from its gap, over the size of the motion, that is told where a branch is lost, and the number
+#: of touches above which a contact may chatter.
+_CLOSE, _SEQUENCE = 1e-4, 3
+
+#: How many orbits inside a step are looked at where a change may hide.
+_LOOKS = 4
+
+#: Distance of an extreme from its gap over the size of the motion, in terms of the step, up to which it may reach the
+#: gap inside the step; and a value inside, as a share of the smaller one at the ends, that leaves no doubt.
+_REACH, _CLEAR = 0.1, 0.2
 
 #: Step in scaled coordinates by which the height of an extreme is differentiated.
 _DIFFERENCE = 1e-6
@@ -91,18 +104,83 @@ def passage(family: Family, interval: Interval, now: Point, after: Point) -> Pas
     lengths = chart.lengths(after.y[:-1])
     if min(lengths[0], lengths[-1]) <= 0.0:
         raise ConvergenceError("a switch passed the phase at which the state is an unknown")
-    vanishing = _vanishing(now, after)
-    if not vanishing:
-        flow = chart.flow(after.problem, after.y[:-1])
-        if after.evaluation.compare(flow) <= CLOSES and chart.follows(after.problem, after.y[:-1], flow):
-            return None
     # Beside a segment of negative length there are extremes that mean nothing.
-    changes = vanishing or _touching(now, after)
+    changes, found = _vanishing(now, after), None
     if not changes:
-        raise ConvergenceError(
-            f"the orbit does not repeat under an ordinary run, by {after.evaluation.closing:.1e} of the motion"
-        )
-    return _first(family, interval, now, after, changes)
+        flow = chart.flow(after.problem, after.y[:-1])
+        repeats = after.evaluation.compare(flow) <= CLOSES and chart.follows(after.problem, after.y[:-1], flow)
+        changes = [] if repeats else _touching(now, after)
+        if not changes and not repeats:
+            raise ConvergenceError(
+                f"the orbit does not repeat under an ordinary run, by {after.evaluation.closing:.1e} of the motion"
+            )
+    if changes:
+        found = _first(family, interval, now, after, changes)
+    hidden = _hidden(family, interval, now, after if found is None else found.before)
+    return found if hidden is None else _first(family, interval, now, *hidden)
+
+
+def _hidden(
+    family: Family, interval: Interval, now: Point, after: Point, looks: int = _LOOKS
+) -> tuple[Point, list[_Change]] | None:
+    """Return an orbit between two neighbours and its changes, which are undone before the second neighbour."""
+    share = _lowest(family, now, after) if looks and isinstance(now.chart, Signature) else None
+    if share is None:
+        return None
+    try:
+        middle = point_between(family, Step(now, after), interval, share)
+        changes = _vanishing(now, middle) or _touching(now, middle)
+    except ConvergenceError:
+        return None
+    if changes:
+        return middle, changes
+    before = _hidden(family, interval, now, middle, looks - 1)
+    return _hidden(family, interval, middle, after, looks - 1) if before is None else before
+
+
+def _lowest(family: Family, now: Point, after: Point) -> float | None:
+    """Return where between two neighbours a length or the distance of an extreme from its gap may become negative.
+
+    Each follows Hermite's cubic through its values and slopes at both. None where all stay away from zero.
+    """
+    chart: Signature = now.chart
+    secant = (after.y - now.y) / now.scales
+    step = float(np.linalg.norm(secant))
+    if not step > 0.0:
+        return None
+    # Derivatives along the branch, times this, are those by the share of the step.
+    along = [step**2 / max(float(secant @ (p.tangent * p.scales / now.scales)), 0.1 * step) for p in (now, after)]
+    ends = np.array([chart.lengths(p.y[:-1]) for p in (now, after)])
+    slopes = np.array([a * chart.rates(p.tangent * p.scales) for p, a in zip((now, after), along, strict=True)])
+    inside = [slice(p + 1, k + 1) for p, k in chart.touches]
+    pairs = range(1, len(chart.switches))
+    inside += [slice(k, k + 1) for k in pairs if chart.switches[k].contact != chart.switches[k - 1].contact]
+    known = [(*ends[:, one].sum(axis=1), *slopes[:, one].sum(axis=1)) for one in inside]
+    earlier = now.evaluation.extremes
+    for last in after.evaluation.extremes:
+        same = [e for e in earlier if (e.contact, e.segment) == (last.contact, last.segment)]
+        first = min(same, key=lambda e: abs(e.phase - last.phase), default=None)
+        if first is None or max(first.height, last.height) < -_REACH * step:
+            continue
+        sign = -1.0 if chart.statuses[last.segment][last.contact] == CLOSED else 1.0
+        rises = [
+            sign * a * _rise(family, p, e.contact, e.phase) / p.evaluation.size_of(e.contact)
+            for p, a, e in zip((now, after), along, (first, last), strict=True)
+        ]
+        known.append((-first.height, -last.height, -rises[0], -rises[1]))
+    if not known:
+        return None
+    v0, v1, s0, s1 = np.array(known).T
+    # Where the derivative ``s0 + 2 b x + a x^2`` of the cubic vanishes.
+    a, b = 3.0 * (s0 + s1 - 2.0 * (v1 - v0)), 3.0 * (v1 - v0) - 2.0 * s0 - s1
+    with np.errstate(divide="ignore", invalid="ignore"):
+        pull = -(b + np.copysign(np.sqrt(b**2 - a * s0), b))
+        x = np.array([pull / a, s0 / pull])
+    x = np.where((x > 0.0) & (x < 1.0), x, 0.0)
+    low = v0 + x * (s0 + x * (b + x * a / 3.0)) - _CLEAR * np.minimum(v0, v1)
+    low[(x == 0.0) | (np.minimum(v0, v1) <= AT_ONCE)] = np.inf
+    worst = np.unravel_index(low.argmin(), low.shape)
+    return float(x[worst]) if low[worst] < 0.0 else None
 
 
 def _first(family: Family, interval: Interval, now: Point, after: Point, changes: list[_Change]) -> Passage:
@@ -147,7 +225,7 @@ def ending(family: Family, interval: Interval, now: Point) -> Passage | None:
     """
     chart: Signature = now.chart
     lengths = chart.lengths(now.y[:-1])
-    rates = chart.lengths(now.tangent[:-1] * now.scales[:-1]) - np.append(np.zeros(len(chart.switches)), chart.turn)
+    rates = chart.rates(now.tangent * now.scales)
     short = [
         (p, k) for p, k in chart.touches if lengths[p + 1 : k + 1].sum() < _NEARLY and rates[p + 1 : k + 1].sum() < 0.0
     ]
@@ -191,13 +269,13 @@ def _vanishing(now: Point, after: Point, without: Sequence[int] = ()) -> list[_C
 def _touching(now: Point, after: Point, rounding: float = ROUNDING) -> list[_Change]:
     """Return extremes of gap functions that have come to the wrong side."""
     chart: Signature = now.chart
-    wrong = [e for e in chart.extremes(after.problem, after.evaluation) if e.height > rounding]
+    wrong = [e for e in after.evaluation.extremes if e.height > rounding]
     first = chart.first_touch(after.evaluation, chart.flow(after.problem, after.y[:-1]))
     if first is not None and first.height > rounding and not any(_alike(chart, e.phase, first.phase) for e in wrong):
         wrong.append(first)
     if not wrong:
         return []
-    earlier = chart.extremes(now.problem, now.evaluation)
+    earlier = now.evaluation.extremes
     found = []
     for extreme in wrong:
         same = [e for e in earlier if (e.contact, e.segment) == (extreme.contact, extreme.segment)]
@@ -322,6 +400,31 @@ def _ends(
     return Passage(before, outside, _touched(family, interval, outside, other), (*grazed, *(e.contact for e in other)))
 
 
+def what_contacts_do(point: Point) -> list[str]:
+    """Return what the contacts of an orbit do that may end a branch there: rests, impacts without end, grazings."""
+    chart, laws = point.chart, point.problem.system.contacts
+    if not isinstance(chart, Signature) or laws is None:
+        return []
+    lengths = chart.lengths(point.y[:-1])
+    found = []
+    for contact, name in enumerate(laws.names):
+        if any(status[contact] == PINNED for status in chart.statuses):
+            found.append(f"contact {name!r} rests at its gap for a part of the orbit")
+        mine = [(p, k) for p, k in chart.touches if chart.switches[p].contact == contact]
+        for status, what in ((CLOSED, "touches"), (OPEN, "opens")):
+            times = [lengths[p + 1 : k + 1].sum() for p, k in mine if chart.switches[p].status == status]
+            if min(times, default=np.inf) < _NEARLY:
+                found.append(
+                    f"contact {name!r} {what} {len(times)} times an orbit, once for {min(times):.2g} rad of the load"
+                )
+        if _jump(point.problem, [contact]) and len(mine) > _SEQUENCE:
+            found.append(f"its force jumps, so that it may chatter: touches of {name!r} may become infinitely many")
+        near = [-e.height for e in point.evaluation.extremes if e.contact == contact and e.height > -_CLOSE]
+        if near:
+            found.append(f"contact {name!r} comes within {max(min(near), 0.0):.2g} of the motion to its gap")
+    return found
+
+
 def _not_turned(short: Point, outside: Point) -> Point:
     """Return an orbit with a short touch such that the parameter changes as along the branch without the touch.
 
@@ -338,13 +441,13 @@ def _grazing(point: Point, known: Sequence[tuple[int, float]]) -> list[Extreme]:
     chart: Signature = point.chart
     return [
         e
-        for e in chart.extremes(point.problem, point.evaluation)
+        for e in point.evaluation.extremes
         if abs(e.height) <= _TOGETHER and not any(e.contact == c and _alike(chart, e.phase, p) for c, p in known)
     ]
 
 
 def _rise(family: Family, point: Point, contact: int, phase: float) -> float:
-    """Return the derivative of a contact's coordinate at a phase along a branch."""
+    """Return the derivative of a contact's coordinate at a phase along a branch, in scaled coordinates."""
     values = []
     for sign in (1.0, -1.0):
         y = point.y + sign * _DIFFERENCE * point.tangent * point.scales
@@ -352,7 +455,7 @@ def _rise(family: Family, point: Point, contact: int, phase: float) -> float:
         evaluation = point.chart.evaluate(problem, y[:-1], derivative=False)
         z, _ = problem.to_modes(point.chart.at_phase(problem, evaluation, phase))
         values.append(float(problem.space.contacts[contact] @ z) - float(problem.system.contacts.gap[contact]))
-    return values[0] - values[1]
+    return (values[0] - values[1]) / (2.0 * _DIFFERENCE)
 
 
 def _alike(chart: Signature, one: float, other: float) -> bool:

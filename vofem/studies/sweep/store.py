@@ -1,25 +1,30 @@
-"""The store of a sweep: one HDF5 file with a row for every point, which xarray reads as it is."""
+"""The store of a sweep: an HDF5 file with a row for every point, which xarray reads as it is.
+
+While a sweep runs, new rows are kept by SQLite in a file beside the store. A process may end at any moment and loses
+at most the batch that it was storing. The table is written whole at the end of the sweep, or when the store is opened
+the next time.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import os
-import time
+import sqlite3
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import filelock
+import h5netcdf
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import OutputError, StorageError
-from vofem.files.hdf5 import FILTERS, end_of_data, writing
+from vofem.files.hdf5 import FILTERS, check_format, mark_format, reading, writing
 from vofem.files.whole import target, try_to_write
 from vofem.studies.sweep.content import node_of, value_of
-from vofem.studies.sweep.journal import Entry, Journal, complete
 from vofem.studies.sweep.points import points_of
 from vofem.studies.sweep.sweep import Sweep, agreeing, columns_of, sweep_of
 from vofem.studies.sweep.worker import RESERVED, Row
@@ -27,14 +32,20 @@ from vofem.studies.sweep.worker import RESERVED, Row
 _SUFFIXES = (".h5", ".hdf5", ".nc")
 
 #: Version of the format. It is increased when this version could not read the new files.
-FORMAT = 1
+FORMAT = 2
 
-#: Shortest time in s between two writings of the whole table, and largest share of the time that they may take.
-_INTERVAL, _SHARE = 30.0, 0.05
+#: What is kept of every row beside its quantities.
+_KEPT = ("key", "point", "failed", "error", "traceback", "seconds")
+
+#: Longest time in s for which a batch that is stored waits until another process has read the rows.
+_PATIENCE = 60.0
+
+#: A key, a point and its row.
+Entry = tuple[str, dict[str, Any], Row]
 
 
 class SweepFile:
-    """A store of rows in one file; only one process opens it at a time.
+    """A store of rows; only one process opens it at a time.
 
     Parameters
     ----------
@@ -63,8 +74,8 @@ class SweepFile:
         self.notes: list[str] = []
         self._identity = identity
         self._entries: dict[str, Entry] = {}
-        self._journal: Journal | None = None
-        self._pending = 0
+        self._recent = _Recent(self.path)
+        self._changed = False
         self._lock = _locked(self.path)
         try:
             self._open()
@@ -74,18 +85,16 @@ class SweepFile:
 
     def _open(self) -> None:
         if self.path.exists():
-            identity, entries = _read(self.path)
-            if identity == self._identity:
-                self._entries = {entry[0]: entry for entry in entries}
-            else:
+            recent = self._recent.read()
+            identity, self._entries = _read(self.path)
+            self._entries |= recent
+            if recent:
+                self._write(identity)
+            if identity != self._identity:
                 self._set_aside(identity)
+                self._entries = {}
         if not self.path.exists():
-            self._write()
-        self._journal = Journal(self.path)
-        recent = self._journal.read()
-        self._entries.update((entry[0], entry) for entry in recent)
-        self._pending = len(recent)
-        self._written, self._cost = time.monotonic(), 0.0
+            self._write(self._identity)
 
     def _set_aside(self, identity: dict[str, str]) -> None:
         """Rename the file of another function."""
@@ -110,33 +119,20 @@ class SweepFile:
     def forget_failed(self) -> None:
         """From now on treat failed rows as missing."""
         kept = {key: entry for key, entry in self._entries.items() if entry[2].values is not None}
-        self._pending += len(self._entries) - len(kept)
+        self._changed |= len(kept) < len(self._entries)
         self._entries = kept
 
     def add(self, rows: Sequence[Entry]) -> None:
-        """Store rows, so that they are still there if the process ends at once."""
-        assert self._journal is not None
-        self._journal.append(rows)
+        """Store rows, so that they are still there if the process ends at once.
+
+        Raises
+        ------
+        OutputError
+            If they cannot be written. What was there stays.
+        """
+        self._recent.add(rows)
         self._entries.update((entry[0], entry) for entry in rows)
-        self._pending += len(rows)
-        waited = time.monotonic() - self._written
-        if waited > _INTERVAL and waited > self._cost / _SHARE:
-            self._fold()
-
-    def _fold(self) -> None:
-        """Write the table whole, the records of the journal included."""
-        begun = time.monotonic()
-        self._write()
-        if self._journal is not None:
-            self._journal.close()
-        self._journal = Journal(self.path)
-        self._pending = 0
-        self._written = time.monotonic()
-        self._cost = self._written - begun
-
-    def _write(self) -> None:
-        with writing(self.path, overwrite=True) as blocks:
-            _write_table(blocks.file, self._identity, list(self._entries.values()))
+        self._changed = True
 
     def finish(self, keys: Sequence[str]) -> None:
         """Write the table whole, rows of these keys first and in their order.
@@ -144,22 +140,96 @@ class SweepFile:
         Raises
         ------
         OutputError
-            If it cannot be written; the rows stay in the file as they were added.
+            If it cannot be written; the rows stay stored as they were added.
         """
         ordered = {key: self._entries[key] for key in keys if key in self._entries}
-        changed = self._pending or list(ordered) != list(self._entries)[: len(ordered)]
+        changed = self._changed or list(ordered) != list(self._entries)[: len(ordered)]
         self._entries = ordered | self._entries
         if changed:
-            self._fold()
+            self._write(self._identity)
+
+    def _write(self, identity: dict[str, str]) -> None:
+        """Write the table whole; from then on no row is kept beside it."""
+        with writing(self.path, overwrite=True) as blocks:
+            _write_table(blocks.file, identity, list(self._entries.values()))
+        self._recent.remove()
+        self._changed = False
 
     def close(self) -> None:
         """Let other processes open the file."""
-        if self._journal is not None:
-            self._journal.close()
+        self._recent.close()
         # Windows does not remove open files; there the next process takes over the file that is left.
         with contextlib.suppress(OSError):
             os.unlink(self._lock.lock_file)
         self._lock.release()
+
+
+class _Recent:
+    """Rows that are not in the table of a store yet, in a database of SQLite; a batch is one transaction.
+
+    Parameters
+    ----------
+    store : Path
+        The database has the name of the store and ".sqlite" behind it.
+    """
+
+    def __init__(self, store: Path) -> None:
+        self._store = store
+        self.path = store.with_name(store.name + ".sqlite")
+        self._connection: sqlite3.Connection | None = None
+
+    def add(self, entries: Sequence[Entry]) -> None:
+        """Store entries, all of them or none; raise `OutputError` where they cannot be stored."""
+        found = [[key, point, row.values, row.error, row.traceback, row.seconds] for key, point, row in entries]
+        texts = [(_text(one),) for one in found]
+        try:
+            if self._connection is None:
+                self._connection = sqlite3.connect(self.path, timeout=_PATIENCE)
+                # With a log of changes a transaction need not wait for the disk; a crash of the machine may take the
+                # last ones with it.
+                self._connection.execute("PRAGMA journal_mode = WAL")
+                self._connection.execute("PRAGMA synchronous = NORMAL")
+                self._connection.execute("CREATE TABLE IF NOT EXISTS entries (entry TEXT)")
+            with self._connection:
+                self._connection.executemany("INSERT INTO entries VALUES (?)", texts)
+        except sqlite3.Error as error:
+            raise OutputError(
+                f"{self._store} cannot be written: {error}; rows stored so far are kept. Make room in "
+                f"{self._store.parent}, and run again"
+            ) from error
+
+    def read(self) -> dict[str, Entry]:
+        """Return all entries by key."""
+        if not self.path.exists():
+            return {}
+        try:
+            with contextlib.closing(sqlite3.connect(self.path, timeout=_PATIENCE)) as connection:
+                texts = connection.execute("SELECT entry FROM entries ORDER BY rowid").fetchall()
+        except sqlite3.Error as error:
+            raise StorageError(
+                f"{self.path}, which holds the rows that {self._store.name} does not hold yet, cannot be read: "
+                f"{error}; remove it to compute them again"
+            ) from error
+        found = [value_of(json.loads(text)) for (text,) in texts]
+        return {key: (key, point, Row(*row)) for key, point, *row in found}
+
+    def remove(self) -> None:
+        """Remove the database."""
+        self.close()
+        # A process that reads it may have it open, which Windows minds; its rows are in the table too.
+        for end in ("", "-wal", "-shm"):
+            with contextlib.suppress(OSError):
+                self.path.with_name(self.path.name + end).unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """Close the database."""
+        if self._connection is not None:
+            self._connection.close()
+        self._connection = None
+
+
+def _text(value: Any) -> str:
+    return json.dumps(node_of(value))
 
 
 def _locked(path: Path) -> filelock.BaseFileLock:
@@ -184,50 +254,59 @@ def _locked(path: Path) -> filelock.BaseFileLock:
 
 def _write_table(file: h5py.File, identity: dict[str, str], entries: Sequence[Entry]) -> None:
     """Write rows as variables over the dimension ``sweep_row``, by the conventions of netCDF and xarray."""
-    file.attrs["vofem_kind"] = "sweep"
-    file.attrs["vofem_format"] = FORMAT
-    file.attrs["vofem_function"] = json.dumps(identity)
+    file.attrs["kind"] = "sweep"
+    file.attrs["function"] = json.dumps(identity)
+    mark_format(file, FORMAT)
+    if not entries:
+        return
     rows = agreeing([row for _, _, row in entries])
-    scale = _variable(file, "sweep_row", np.arange(len(entries)), None)
-    scale.make_scale("sweep_row")
-    present = np.array([row.values is not None for row in rows], dtype=bool)
-    _variable(file, "sweep_key", np.array([key for key, _, _ in entries], dtype=str), scale)
-    _variable(file, "sweep_point", np.array([json.dumps(node_of(point)) for _, point, _ in entries], dtype=str), scale)
-    _variable(file, "sweep_failed", ~present, scale)
-    _variable(file, "sweep_error", np.array([row.error for row in rows], dtype=str), scale)
-    _variable(file, "sweep_traceback", np.array([row.traceback for row in rows], dtype=str), scale)
-    _variable(file, "sweep_seconds", np.array([row.seconds for row in rows], dtype=float), scale)
-    names = list(dict.fromkeys(name for _, point, _ in entries for name in point))
-    for name in names:
-        column = _parameter([point.get(name) for _, point, _ in entries])
-        if column is not None:
-            _variable(file, name, column, scale).attrs["vofem_role"] = "parameter"
-    for name, values in columns_of([row for row in rows if row.values is not None]).items():
-        column = np.zeros((len(rows), *values.shape[1:]), dtype=values.dtype)
-        if values.dtype.kind in "fc":
-            column[~present] = np.nan
-        column[present] = values
-        _variable(file, name, column, scale).attrs["vofem_role"] = "quantity"
+    present = np.array([row.values is not None for row in rows])
+    kept = {
+        "key": np.array([key for key, _, _ in entries], dtype=str),
+        "point": np.array([_text(point) for _, point, _ in entries], dtype=str),
+        "failed": ~present,
+        "error": np.array([row.error for row in rows], dtype=str),
+        "traceback": np.array([row.traceback for row in rows], dtype=str),
+        "seconds": np.array([row.seconds for row in rows], dtype=float),
+    }
+    parameters = {name: _parameter([point.get(name) for _, point, _ in entries]) for name in _names(entries)}
+    found = columns_of([row for row in rows if row.values is not None])
+    # netCDF knows no complex numbers; h5netcdf writes and reads them if it may.
+    beyond = any(values.dtype.kind == "c" for values in found.values())
+    with h5netcdf.File(file, "a", invalid_netcdf=beyond) as table:
+        _write_variable(table, f"{RESERVED}row", np.arange(len(entries)), "")
+        for name in _KEPT:
+            _write_variable(table, f"{RESERVED}{name}", kept[name], "")
+        for name, parameter in parameters.items():
+            if parameter is not None:
+                _write_variable(table, name, parameter, "parameter")
+        for name, values in found.items():
+            column = np.zeros((len(rows), *values.shape[1:]), dtype=values.dtype)
+            if values.dtype.kind in "fc":
+                column[~present] = np.nan
+            column[present] = values
+            _write_variable(table, name, column, "quantity")
 
 
-def _variable(file: h5py.File, name: str, values: NDArray, scale: h5py.Dataset | None) -> h5py.Dataset:
-    """Write one variable; its dimensions beyond the first get scales of their own."""
+def _names(entries: Sequence[Entry]) -> list[str]:
+    """Return the names of all parameters, each once."""
+    return list(dict.fromkeys(name for _, point, _ in entries for name in point))
+
+
+def _write_variable(table: h5netcdf.File, name: str, values: NDArray, role: str) -> None:
+    """Write one variable; its dimensions beyond the first are its own, which xarray needs too."""
     kind = values.dtype.kind
-    options = FILTERS if values.size else {}
-    if kind == "U":
-        data = values.astype(object)
-        dataset = file.create_dataset(name, data=data, dtype=h5py.string_dtype(), shape=values.shape)
-    else:
-        dataset = file.create_dataset(name, data=values.astype(np.int8) if kind == "b" else values, **options)
-    if kind == "b":
-        dataset.attrs["dtype"] = "bool"
-    for axis in range(values.ndim) if scale is not None else ():
-        if axis > 0:
-            inner = file.create_dataset(f"{name}_{axis - 1}", data=np.arange(values.shape[axis]))
-            inner.make_scale(f"{name}_{axis - 1}")
-            inner.attrs["vofem_role"] = "dimension"
-        dataset.dims[axis].attach_scale(scale if axis == 0 else inner)
-    return dataset
+    sizes = {f"{name}_{axis}": size for axis, size in enumerate(values.shape[1:])}
+    dimensions = {f"{RESERVED}row": len(values)} | sizes
+    for dimension, size in dimensions.items():
+        if dimension not in table.dimensions:
+            table.dimensions[dimension] = size
+    data = values.astype(object) if kind == "U" else values.astype(np.int8) if kind == "b" else values
+    dtype = h5py.string_dtype() if kind == "U" else data.dtype
+    filters = {} if kind == "U" else FILTERS
+    written = table.create_variable(name, tuple(dimensions), dtype, data=data, **filters)
+    written.attrs.update({"role": role} if role else {})
+    written.attrs.update({"dtype": "bool"} if kind == "b" else {})
 
 
 def _parameter(values: Sequence[Any]) -> NDArray | None:
@@ -238,40 +317,30 @@ def _parameter(values: Sequence[Any]) -> NDArray | None:
     return None
 
 
-def _read(path: Path) -> tuple[dict[str, str], list[Entry]]:
-    """Return the identity of the function and the rows of the table of a store, without those of its journal."""
-    if not path.is_file():
-        raise StorageError(f"{path} is no regular file, expected the store of a sweep; give another name")
-    end_of_data(path)  # compares the checksum before HDF5 opens the file
-    with h5py.File(path, "r") as file:
-        if file.attrs.get("vofem_kind") != "sweep":
+def _read(path: Path) -> tuple[dict[str, str], dict[str, Entry]]:
+    """Return the identity of the function and the rows of the table of a store, without those beside it."""
+    with reading(path, "the store of a sweep") as file:
+        if not holds(file):
             raise StorageError(f"{path} is no store of a sweep; give another name, or remove the file")
-        if int(file.attrs["vofem_format"]) > FORMAT:
-            raise StorageError(f"{path} was written by a newer vofem; update vofem, or give another name")
-        identity = json.loads(file.attrs["vofem_function"])
-        named = {name: file[name] for name in file if file[name].attrs.get("vofem_role") == "quantity"}
-        columns = {name: _values(dataset) for name, dataset in named.items()}
-        texts = {name: file[f"{RESERVED}{name}"].asstr()[()] for name in ("key", "point", "error", "traceback")}
-        lost = file[f"{RESERVED}failed"][()].astype(bool)
-        seconds = file[f"{RESERVED}seconds"][()]
-    entries: list[Entry] = []
-    for k, key in enumerate(texts["key"]):
-        values = None if lost[k] else {name: column[k] for name, column in columns.items()}
-        row = Row(values, texts["error"][k], texts["traceback"][k], float(seconds[k]))
-        entries.append((key, value_of(json.loads(texts["point"][k])), row))
+        check_format(file, FORMAT)
+        identity = json.loads(file.attrs["function"])
+        with h5netcdf.File(file, "r", decode_vlen_strings=True, invalid_netcdf=True) as table:
+            if f"{RESERVED}key" not in table.variables:
+                return identity, {}
+            kept = {name: _values(table[f"{RESERVED}{name}"]) for name in _KEPT}
+            roles = {name: variable.attrs.get("role") for name, variable in table.variables.items()}
+            columns = {name: _values(table[name]) for name, role in roles.items() if role == "quantity"}
+    entries: dict[str, Entry] = {}
+    for k, (key, point, lost, error, traceback, seconds) in enumerate(zip(*kept.values(), strict=True)):
+        values = None if lost else {name: column[k] for name, column in columns.items()}
+        row = Row(values, str(error), str(traceback), float(seconds))
+        entries[str(key)] = (str(key), value_of(json.loads(point)), row)
     return identity, entries
 
 
-def holds_sweep(path: Any) -> bool:
-    """Return whether a file is the store of a sweep that can be read."""
-    with contextlib.suppress(OSError, StorageError, TypeError, ValueError):
-        if not Path(path).is_file():
-            # To open a pipe would wait for its other end.
-            return False
-        end_of_data(Path(path))  # compares the checksum before HDF5 opens the file
-        with h5py.File(path, "r") as file:
-            return bool(file.attrs.get("vofem_kind") == "sweep")
-    return False
+def holds(file: h5py.File) -> bool:
+    """Return whether a file is the store of a sweep."""
+    return bool(file.attrs.get("kind") == "sweep")
 
 
 def stored_sweep(path: Path) -> Sweep:
@@ -282,11 +351,10 @@ def stored_sweep(path: Path) -> Sweep:
     StorageError
         If the file is no store, or holds no row.
     """
-    identity, entries = _read(path)
-    with path.open("rb") as file:
-        file.seek(end_of_data(path))
-        recent, _ = complete(file.read())
-    known = {entry[0]: entry for entry in [*entries, *recent]}
+    # In this order: a table that is written meanwhile holds the rows that were beside it.
+    recent = _Recent(path).read()
+    identity, known = _read(path)
+    known |= recent
     if not known:
         raise StorageError(f"{path} holds no row yet; run the sweep of {identity['name']} with this store again")
     points = points_of([point for _, point, _ in known.values()])
@@ -295,9 +363,9 @@ def stored_sweep(path: Path) -> Sweep:
     return sweep_of(points, rows, counters)
 
 
-def _values(dataset: h5py.Dataset) -> NDArray:
+def _values(variable: Any) -> NDArray:
     """Return the values of a variable with the type that they had."""
-    if h5py.check_string_dtype(dataset.dtype) is not None:
-        return np.asarray(dataset.asstr()[()]).astype(str)
-    values = np.asarray(dataset[()])
-    return values.astype(bool) if dataset.attrs.get("dtype") == "bool" else values
+    values = np.asarray(variable[...])
+    if values.dtype.kind == "O":
+        return values.astype(str)
+    return values.astype(bool) if variable.attrs.get("dtype") == "bool" else values

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from vofem._validate import number
+from vofem.blas import blas_threads
 from vofem.errors import ArgumentError
 from vofem.kernels.mode import compiled as kernel_mode
-from vofem.progress import SweepProgress
-from vofem.studies.sweep import Sweep
-from vofem.studies.sweep.engines import engine_for
+from vofem.progress import SweepProgress, TerminalBar
+from vofem.sharing import sharing_between_scenes
 from vofem.studies.sweep.identity import identity
-from vofem.studies.sweep.points import as_points
-from vofem.studies.sweep.run import run_sweep
-from vofem.studies.sweep.worker import Task
+from vofem.studies.sweep.points import Points, as_points
+from vofem.studies.sweep.running import Loop, Workers, workers_for
+from vofem.studies.sweep.sweep import NOT_REACHED, Sweep, SweepInterrupted, sweep_of
+from vofem.studies.sweep.worker import Row, Task
+
+if TYPE_CHECKING:
+    from vofem.studies.sweep.store import SweepFile
 
 
 def sweep(
@@ -107,27 +112,101 @@ def sweep(
         raise ArgumentError(f"sweep: function is {function!r}, expected a function that returns a dict of numbers")
     limit = None if time_limit is None else number("sweep: time_limit", time_limit, positive=True)
     table = as_points(points)
-    engine = engine_for(executor, function, workers)
+    own = workers_for(executor, function, workers)
     compiled = kernel_mode() if compiled is None else bool(compiled)
     task = Task(function, limit, compiled)
     if store is None:
-        return run_sweep(task, table, engine, None, progress)
-    from vofem.studies.sweep.store import SweepFile
-
-    own, unknown = identity(function, compiled)
-    file = SweepFile(store, own)
-    try:
-        if retry_failed:
-            file.forget_failed()
-        try:
-            outcome = run_sweep(task, table, engine, file, progress)
-        finally:
-            file.finish(table.keys)
-    finally:
-        file.close()
+        return _computed(task, table, own, None, progress)
+    about, unknown = identity(function, compiled)
+    with _opened(store, about, table.keys, retry_failed) as file:
+        outcome = _computed(task, table, own, file, progress)
     if unknown:
         file.notes.append(
             f"the store cannot notice whether this has changed since its rows were computed: {', '.join(unknown)}; if "
             "it has, remove the store. Numbers, arrays, scenes and objects that pickle can copy are noticed"
         )
     return outcome.with_notes(file.notes)
+
+
+@contextlib.contextmanager
+def _opened(store: Any, about: dict[str, str], keys: Sequence[str], retry_failed: bool) -> Iterator[SweepFile]:
+    """Give the store of a function; after the block its table is written, with the rows of `keys` first."""
+    from vofem.studies.sweep.store import SweepFile
+
+    file = SweepFile(store, about)
+    try:
+        if retry_failed:
+            file.forget_failed()
+        try:
+            yield file
+        finally:
+            file.finish(keys)
+    finally:
+        file.close()
+
+
+def _computed(task: Task, points: Points, workers: Workers, store: SweepFile | None, progress: SweepProgress) -> Sweep:
+    """Return the rows of the store and those that are computed now as one table.
+
+    Raises
+    ------
+    SweepInterrupted
+        After Ctrl-C.
+    """
+    known = {} if store is None else store.rows()
+    # The first position of each key that is not known.
+    wanted = {key: k for k, key in reversed(list(enumerate(points.keys))) if key not in known}
+    positions = sorted(wanted.values())
+    stored = sum(key in known for key in points.keys)
+    failures = sum(key in known and known[key].values is None for key in points.keys)
+    done = stored
+
+    def keep(batch: Sequence[int], rows: Sequence[Row]) -> None:
+        nonlocal done, failures
+        places = [positions[k] for k in batch]
+        entries = [(points.keys[k], points.rows[k], row) for k, row in zip(places, rows, strict=True)]
+        if store is not None:
+            store.add(entries)
+        known.update((key, row) for key, _, row in entries)
+        done += len(entries)
+        failures += sum(row.values is None for row in rows)
+
+    label = "sweep", "the points done, all points and the points that failed"
+    counting = "{task.completed:.0f} of {task.total:.0f} points"
+    reported: tuple[int, ...] = ()
+    with TerminalBar(label, progress, len(points.rows), counting, stored) as bar:
+
+        def show() -> None:
+            nonlocal reported
+            now = done, len(points.rows), failures
+            bar.update(done, f"{failures} failed" if failures else "", report=() if now == reported else now)
+            reported = now
+
+        loop = Loop(workers, task, [points.rows[k] for k in positions], keep, show)
+        finished = False
+        try:
+            # Threads of an executor compute in this process: they all find the limit set.
+            with blas_threads(0), sharing_between_scenes():
+                loop.run()
+            finished = True
+        except KeyboardInterrupt:
+            raise SweepInterrupted(
+                _outcome(points, known, loop, done - stored, stored), None if store is None else store.path
+            ) from None
+        finally:
+            workers.end(at_once=not finished)
+            show()
+    return _outcome(points, known, loop, done - stored, stored)
+
+
+def _outcome(points: Points, known: Mapping[str, Row], loop: Loop, computed: int, stored: int) -> Sweep:
+    """Return the table of the rows that are known, with notes on what a reader of it should know."""
+    counters = {"computed": computed, "stored": stored, "batches": loop.batches, "restarts": loop.restarts}
+    table = sweep_of(points, [known.get(key, NOT_REACHED) for key in points.keys], counters)
+    notes = []
+    if table.failed:
+        count, total, first = len(table.failed), len(table.points.rows), table.failed[0].error
+        notes.append(f"{count} of {total} points failed, the first with {first!r}; see `failed`")
+    if loop.restarts:
+        notes.append(f"workers had to be started anew {loop.restarts} times; their points were computed again")
+    return table.with_notes(notes)

@@ -1,4 +1,4 @@
-"""Hard cases of beams: 14, 17, 18 and 28."""
+"""Cases of beams: contacts along them, equilibrium, graded and fine meshes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from vofem.bodies import Beam
-from vofem.effects import Contact, Gravity, PointLoad, Sine
+from vofem.effects import Contact, DistributedLoad, Foundation, Gravity, PointLoad, Sine
 from vofem.scene import Scene
 from vofem.verification.case import (
     ALPHA,
@@ -16,6 +16,7 @@ from vofem.verification.case import (
     CONSERVING,
     REFUSED,
     REPORTED,
+    STOPPED,
     Case,
     How,
     Quantity,
@@ -23,10 +24,6 @@ from vofem.verification.case import (
     exact,
     stepping,
 )
-
-Law = Literal["displacement", "penetration"]
-
-INDEPENDENT = "independent program in multi-precision arithmetic"
 
 
 def cases() -> Iterator[Case]:
@@ -38,6 +35,21 @@ def cases() -> Iterator[Case]:
     yield _paper_step()
     yield from _paper_tip()
     yield _many_stops()
+    for elements, tolerance in ((60, 3e-2), (240, 3e-3)):
+        yield _lift_off(elements, tolerance)
+    yield _loose()
+    yield _rests_on_contacts()
+    for ratio in (1e2, 1e4, 1e6):
+        yield _graded(ratio)
+    for elements in (800, 10_000, 100_000):
+        yield _fine(elements)
+
+
+# -- Hard cases of beams: 14, 17, 18 and 28
+
+Law = Literal["displacement", "penetration"]
+
+_MULTI_PRECISION = "independent program in multi-precision arithmetic"
 
 
 def paper_beam(acts_on: Law, stiffness: float = 1.0, elements: int = 25) -> tuple[Beam, Scene]:
@@ -69,15 +81,14 @@ def _stiff_stop(stiffness: float) -> Case:
 
     quantities = (
         Quantity("energy balance", 0.0, relative=False),
-        Quantity("largest penetration [m]", 0.0, relative=False),
+        # Energy bounds the penetration: K0 s^2/2 is at most some 1e-2 J.
+        Quantity("largest penetration [m]", 0.0, False, float(np.sqrt(0.02 / stiffness))),
     )
-    # Energy bounds the penetration: K0 s^2/2 is at most some 1e-2 J.
-    deep = {"largest penetration [m]": float(np.sqrt(0.02 / stiffness))}
     # At 1e12 N/m a penetration of the size of rounding already holds 1e-9 of the energy.
-    how = exact({"energy balance": 1e-9 if stiffness < 1e10 else 1e-7} | deep)
-    how[CONSERVING] = How({"energy balance": 1e-9} | deep, {"dt": 1e-3})
-    how[ALPHA] = How({"energy balance": 1e-2} | deep, {"dt": 1e-3}, REPORTED, "energy: ")
-    how[CENTRAL] = How({"energy balance": 1e-2} | deep, {"dt": 5e-5})
+    how = exact(1e-9 if stiffness < 1e10 else 1e-7)
+    how[CONSERVING] = How(1e-9, {"dt": 1e-3})
+    how[ALPHA] = How(1e-2, {"dt": 1e-3}, REPORTED, "energy: ")
+    how[CENTRAL] = How(1e-2, {"dt": 5e-5})
     if stiffness > 3e6:
         how[CENTRAL] = How(0.0, {"dt": 5e-5}, REFUSED, "critical step")
     return Case(17, f"stop of {stiffness:g} N/m on the 25-element beam", "balance of energy", quantities, measure, how)
@@ -104,7 +115,7 @@ def _paper_step() -> Case:
     how: dict[str, How] = exact(1e-11) | {method: How(1e-4, {"dt": 1e-3}) for method in (CONSERVING, ALPHA)}
     how[CENTRAL] = How(0.0, {"dt": 1e-3}, REFUSED, r"beyond the critical step 5\.34\de-05 s")
     return Case(
-        18, "the paper's step of 1e-3 s on its beam", INDEPENDENT,
+        18, "the paper's step of 1e-3 s on its beam", _MULTI_PRECISION,
         _tip_quantities("penetration"), lambda run: _tip(run, "penetration"), how,
     )  # fmt: skip
 
@@ -117,7 +128,7 @@ def _paper_tip() -> Iterator[Case]:
             return _tip(run, acts_on)
 
         yield Case(
-            18, f"the paper's beam, acts_on={acts_on!r}, small steps", INDEPENDENT,
+            18, f"the paper's beam, acts_on={acts_on!r}, small steps", _MULTI_PRECISION,
             _tip_quantities(acts_on), measure, exact(1e-11) | stepping(4e-5, tolerance, slow=acts_on == "displacement"),
         )  # fmt: skip
 
@@ -153,3 +164,108 @@ def _many_stops(count: int = 25) -> Case:
     how[ALPHA] = How(1e-2, {"dt": 1e-4}, REPORTED, "energy: ")
     how[CENTRAL] = How(1e-2, {"dt": 1e-5}, REPORTED, "energy: ")
     return Case(28, f"{count} stops along one beam", "complementarity", quantities, measure, how)
+
+
+# -- Hard cases of equilibrium: 13 and 21
+
+
+def _lift_off(elements: int, tolerance: float) -> Case:
+    length, k, load = 12.0, 4.0, 1.0
+    wave = (k / 4.0) ** 0.25
+
+    def measure(run: Run) -> Mapping[str, float]:
+        beam = Beam(length, 1.0, 1.0, elements)
+        bed = Foundation(beam, stiffness=k, one_sided=True, name="bed")
+        rest = run.equilibrium(Scene([beam], [bed, PointLoad(beam.at(length / 2), -load)]))
+        h = beam.element_lengths
+        shares = 0.5 * (np.append(h, 0.0) + np.insert(h, 0, 0.0))
+        held = sum(share for share, c in zip(shares, rest.contacts.values(), strict=True) if c.closed)
+        return {
+            "half length of contact [m]": 0.5 * float(held),
+            "depth w0 [m]": -rest.displacement(beam.at(length / 2)),
+            "iterations": float(rest.iterations),
+        }
+
+    quantities = (
+        Quantity("half length of contact [m]", np.pi / (2.0 * wave), False, length / elements),
+        Quantity("depth w0 [m]", load * wave / (2.0 * k) / np.tanh(np.pi / 2.0), tolerance=tolerance),
+        # Any value from 0 to 10 is right.
+        Quantity("iterations", 5.0, False, 5.0),
+    )
+    how = {"equilibrium": How()}
+    return Case(13, f"lift-off from a foundation, {elements} elements", "closed form", quantities, measure, how)
+
+
+def _loose() -> Case:
+    def measure(run: Run) -> Mapping[str, float]:
+        beam = Beam(1.0, 1.0, 1.0, 10, name="plank")
+        scene = Scene([beam], [DistributedLoad(beam, 1.0, 1.0)])
+        if run.method == "equilibrium":
+            return {"rise in 1 s [m]": run.equilibrium(scene).displacement(beam.at(0.3))}
+        result = run.simulate(scene, 1.0)
+        return {"rise in 1 s [m]": float(result.displacement(beam.at(0.3))[-1])}
+
+    how = {"equilibrium": How(0.0, expected=REFUSED, says="'plank' can move freely")}
+    how |= exact(1e-11) | stepping(2e-4, 1e-9)
+    quantities = (Quantity("rise in 1 s [m]", 0.5),)
+    return Case(21, "free beam under a uniform load", "closed form", quantities, measure, how)
+
+
+def _rests_on_contacts() -> Case:
+    def measure(run: Run) -> Mapping[str, float]:
+        beam = Beam(2.0, 1.0, 3.0, 10)
+        stops: list[Any] = [
+            Contact(beam.at(x), gap=0.0, stiffness=50.0, side="below", acts_on="penetration", name=name)
+            for x, name in ((0.0, "left"), (2.0, "right"))
+        ]
+        scene = Scene([beam], [*stops, Gravity(1.0)])
+        rest = run.equilibrium(scene)
+        if run.method == "equilibrium":
+            return {"force on the left [N]": rest.contacts["left"].force}
+        result = run.simulate(Scene([beam], [*stops, Gravity(1.0)], initial=rest), 1.0)
+        force = result.contacts["left"].force
+        return {"force on the left [N]": float(force[np.argmax(np.abs(force - 3.0))])}
+
+    how = {"equilibrium": How(1e-11)} | exact(1e-9) | stepping(1e-3, 1e-8)
+    quantities = (Quantity("force on the left [N]", 3.0),)
+    return Case(21, "free beam that rests on contacts alone", "closed form", quantities, measure, how)
+
+
+# -- Hard cases of meshes: 19 graded, 20 fine. The beam starts in equilibrium under a tip load, where it should stay
+
+
+def _held_tip(run: Run, elements: Any, t_end: float) -> Mapping[str, float]:
+    beam = Beam(1.0, 1.0, 1.0, elements, {"left": "clamped"})
+    load = PointLoad(beam.at(1.0), 3.0)
+    if run.method == "equilibrium":
+        return {"tip [m]": run.equilibrium(Scene([beam], [load])).displacement(beam.at(1.0))}
+    start = {beam: (lambda x: 0.5 * (3.0 * x**2 - x**3), 0.0)}
+    tip = run.simulate(Scene([beam], [load], initial=start), t_end, times=np.linspace(0.0, t_end, 11)).displacement(
+        beam.at(1.0)
+    )
+    return {"tip [m]": float(tip[np.argmax(np.abs(tip - 1.0))])}
+
+
+def _graded(ratio: float) -> Case:
+    lengths = np.geomspace(1.0, 1.0 / ratio, 13)
+    nodes = np.concatenate([[0.0], np.cumsum(lengths) / np.sum(lengths)])
+    nodes[-1] = 1.0
+    how = {"equilibrium": How(1e-9)} | exact(1e-6)
+    how |= {m: How(1e-6, {"dt": 1e-3}, REPORTED, "rounding") for m in (CONSERVING, ALPHA)}
+    if ratio > 1e5:
+        how |= exact(0.0, expected=REFUSED, says="rounding")
+        how |= {m: How(0.0, {"dt": 1e-3}, STOPPED, "rounding") for m in (CONSERVING, ALPHA)}
+    how[CENTRAL] = How(0.0, {"dt": 1e-3}, REFUSED, "critical step")
+    name = f"graded mesh, elements 1 : {ratio:g}"
+    return Case(19, name, "closed form", (Quantity("tip [m]", 1.0),), lambda run: _held_tip(run, nodes, 1.0), how)
+
+
+def _fine(elements: int) -> Case:
+    slow = elements > 1000
+    how = {"equilibrium": How(1e-9, slow=slow)} | exact(1e-6, slow=slow)
+    how |= {m: How(1e-6, {"dt": 1e-3}, REPORTED, "rounding", slow=slow) for m in (CONSERVING, ALPHA)}
+    how[CENTRAL] = How(0.0, {"dt": 1e-3}, REFUSED, "critical step", slow=slow)
+    if elements > 50_000:
+        how |= {m: How(0.0, {"dt": 1e-3}, STOPPED, "rounding", slow=slow) for m in (CONSERVING, ALPHA)}
+    name = f"fine mesh, {elements} elements"
+    return Case(20, name, "closed form", (Quantity("tip [m]", 1.0),), lambda run: _held_tip(run, elements, 1.0), how)

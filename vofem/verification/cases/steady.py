@@ -1,4 +1,4 @@
-"""Steady states: special points of branches, a springpot's resonance, nonlinear normal modes."""
+"""Cases of steady states: special points of branches, a springpot's resonance, nonlinear normal modes."""
 
 from __future__ import annotations
 
@@ -12,11 +12,6 @@ from vofem.scene import Scene
 from vofem.studies.steady import backbone
 from vofem.verification.case import HARMONIC_BALANCE, SHOOTING, Case, How, Quantity, Run
 
-_INDEPENDENT = "independent program: matrix exponentials between events, shooting, special points refined to 1e-11"
-
-#: State of the orbit at 0.635 rad/s where the cosine of the load is 1: q1, q2, v1, v2.
-_ORBIT = (0.9613616024620069, 0.6578832109672325, 0.3167908536144315, 0.08600155491013046)
-
 
 def cases() -> Iterator[Case]:
     """Yield the cases."""
@@ -25,6 +20,12 @@ def cases() -> Iterator[Case]:
     yield _two_masses_orbit()
     yield _springpot()
     yield _two_mode_backbones()
+
+
+_INDEPENDENT = "independent program: matrix exponentials between events, shooting, special points refined to 1e-11"
+
+#: State of the orbit at 0.635 rad/s where the cosine of the load is 1: q1, q2, v1, v2.
+_ORBIT = (0.9613616024620069, 0.6578832109672325, 0.3167908536144315, 0.08600155491013046)
 
 
 def bilinear(omega: float) -> tuple[Mass, Scene]:

@@ -1,0 +1,83 @@
+"""Impacts on rigid stops: Newton's law of impact, and what each impact did to a run that is known by its segments.
+
+An impact on the row c with the speed r = c v and the restitution e changes the velocity at once to
+``v - (1 + e) r c'/(c c')``, in coordinates in which M is the identity. A run records the state before each bounce as a
+segment of no duration. Forces of finite size do nothing in no time: contacts that are pinned by their chatter cannot
+resist an impact.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.integrators.event_driven.record import Record
+from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Events
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Speed of approach, over the largest one of the stop, below which the body comes to rest at the stop.
+REST = 1e-9
+
+
+class Bounces(NamedTuple):
+    """The impacts on rigid stops in a run, those included with which a body comes to rest.
+
+    Attributes
+    ----------
+    event : ndarray of int, shape (k,)
+        Number of the event among those of the run.
+    segment : ndarray of int, shape (k,)
+        Number of the segment that begins with the impact.
+    contact : ndarray of int, shape (k,)
+    approach, departure : ndarray, shape (k,)
+        Speeds before and after, m/s.
+    impulse : ndarray, shape (k,)
+        N s.
+    pressed, lost : ndarray, shape (k,)
+        Kinetic energy of the approach, and the part that was lost, J.
+    """
+
+    event: Integers
+    segment: Integers
+    contact: Integers
+    approach: Array
+    departure: Array
+    impulse: Array
+    pressed: Array
+    lost: Array
+
+
+def struck(row: Array, restitution: float, velocity: Array) -> Array:
+    """Return the modal velocity (n,), or velocities (n, k), after an impact on a modal row (n,)."""
+    return np.asarray(velocity - np.multiply.outer(row, (1.0 + restitution) * (row @ velocity) / (row @ row)))
+
+
+def bounces_of(laws: ContactLaws, rows: Array, record: Record, events: Events) -> Bounces:
+    """Return the impacts on the rigid stops of a run, given the modal rows of the contacts, (n_contacts, n)."""
+    mine = (
+        np.flatnonzero(laws.rigid[events.contact] & (events.status != OPEN)) if events.time.size else np.zeros(0, int)
+    )
+    # Segments that begin at the same time are those before its bounces, in order, and the one that lasts.
+    bounced = events.status[mine] == CLOSED
+    times = events.time[mine]
+    earlier = np.cumsum(bounced) - bounced
+    earlier -= earlier[np.searchsorted(times, times, side="left")]
+    segment = np.searchsorted(record.starts, times, side="left") + earlier
+    values = np.zeros((5, mine.size))
+    for k, (index, j) in enumerate(zip(segment.tolist(), events.contact[mine].tolist(), strict=True)):
+        velocity = record.state(index)[1]
+        if bounced[k]:
+            e, inverse, speed = laws.restitution[j], rows[j] @ rows[j], rows[j] @ velocity
+            pressed = 0.5 * speed**2 / inverse
+            values[:, k] = speed, e * speed, (1.0 + e) * speed / inverse, pressed, (1.0 - e**2) * pressed
+        else:
+            held = np.flatnonzero(record.status(index) == PINNED)
+            speeds = rows[held] @ velocity
+            own = int(np.flatnonzero(held == j)[0])
+            speed, impulse = speeds[own], np.linalg.solve(rows[held] @ rows[held].T, speeds)[own]
+            values[:, k] = speed, 0.0, impulse, 0.5 * speed * impulse, 0.5 * speed * impulse
+    return Bounces(mine, segment + bounced, events.contact[mine], *values)

@@ -1,0 +1,303 @@
+"""Follows a motion segment by segment where events do more than switch a spring: impacts on rigid stops.
+
+The compiled loop of `loop.py` follows scenes of elastic contacts alone. Here every event is treated in Python; motion
+and search are the same.
+"""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem.errors import EventStormError
+from vofem.integrators.event_driven.bounces import REST, struck
+from vofem.integrators.event_driven.regime import Regime
+from vofem.integrators.event_driven.search import EventFunctions, exact_cut, march, search_space
+from vofem.integrators.event_driven.sliders import UP
+from vofem.integrators.event_driven.sliding import SlidingSolution
+from vofem.integrators.event_driven.solution import EventSolution
+from vofem.integrators.event_driven.tangent import acceleration
+from vofem.kernels.mode import kernels
+from vofem.system import CLOSED, OPEN, PINNED
+
+Array = NDArray[np.float64]
+Status = NDArray[np.int64]
+
+#: Most impacts at one time.
+_MOST_AT_ONCE = 10_000
+
+#: A speed below this share of the terms that it is summed of is zero.
+_ZERO = 1e-13
+
+#: Share of the time of a search within which an open contact is not told from one that rests at its gap.
+_NEAR = 1e-6
+
+
+class Walker:
+    """A motion that is followed from segment to segment; see `follow.Follower`, whose interface it has."""
+
+    def __init__(
+        self, solution: EventSolution, edges: ArrayLike, time: float, status: Status, displacement: Array,
+        velocity: Array, pin_fraction: float, most_events: int,
+    ) -> None:  # fmt: skip
+        self.solution = solution
+        self.time, self.status, self.displacement, self.velocity = time, status.copy(), displacement, velocity
+        solution.exosystem = solution.loads_between(np.asarray(edges, dtype=float))
+        laws = solution.system.contacts
+        assert laws is not None
+        self._laws, self._rows, self._pin_fraction = laws, solution.space.contacts, pin_fraction
+        # The largest speed of approach of each rigid stop.
+        self._largest = np.zeros(len(laws))
+        self._sliders = len(laws) if not isinstance(solution, SlidingSolution) else solution.contact_count
+        # Sliders that have changed their status at the last event.
+        self._triggered: set[int] = set()
+        if solution.record.segments:
+            assert solution.gaps_now is not None
+            self._gaps = solution.gaps_now.copy()
+            self._triggered = self._changed(solution.record.last_status)
+            if solution.bounces is not None:
+                np.maximum.at(self._largest, solution.bounces.contact, solution.bounces.approach)
+        else:
+            self._gaps = solution.gaps_at(self.status, displacement, time)
+            self._gaps[self._sliders :] = 0.0
+            self._strike(self._laws.rigid & (self._gaps == 0.0))
+
+    def _changed(self, before: Status) -> set[int]:
+        """Return the numbers of the sliders whose status is another one than before."""
+        return {int(j) for j in np.flatnonzero(before != self.status) if j >= self._sliders}
+
+    def advance(self) -> None:
+        """Compute one segment, and what the event at its end does."""
+        solution, record = self.solution, self.solution.record
+        loads = solution.exosystem
+        interval = int(loads.interval(np.array([self.time]))[0])
+        regime = solution.regime(self.status, int(loads.kind[interval]))
+        duration = float(loads.edges[interval + 1]) - self.time
+        group = regime.blocks.group
+        index = self._record()
+        w = solution.loads_at(regime, np.array([self.time]), self.displacement[None], self._gaps[None])
+        begin = regime.begin(self.displacement[None], self.velocity[None], w)
+        if regime.held:
+            self.displacement, self.velocity = (part[0] for part in regime.to_modes(begin, shifted=True))
+        with nullcontext() if group is None else kernels(compiled=False):
+            tau, hits = self._next_event(regime, begin[0], duration)
+        moved = regime.changes(begin, np.zeros(1, dtype=np.int64), np.array([tau]))
+        displacement, velocity = (part[0] for part in regime.to_modes(moved))
+        record.buffers.durations[index] = tau
+        self.time = float(loads.edges[interval + 1]) if tau >= duration else self.time + tau
+        self.displacement, self.velocity = self.displacement + displacement, self.velocity + velocity
+        self._gaps = self._gaps + regime.coordinates @ moved.ravel()
+        self._hold_sliders()
+        solution.gaps_now = self._gaps
+        solution.counters.steps += 1
+        self._triggered = set()
+        if not hits.size and isinstance(solution, SlidingSolution) and tau >= duration:
+            # Loads may jump here.
+            self._decide({})
+            self._triggered = self._changed(record.last_status)
+        if hits.size:
+            self._pass_event(dict(zip(regime.owner[hits].tolist(), regime.leads[hits].tolist(), strict=True)))
+            solution.gaps_now = self._gaps
+
+    def _record(self) -> int:
+        """Begin a segment in the present state; return its number."""
+        record = self.solution.record
+        record.add(self.time, self.status, self.displacement, self.velocity)
+        record.buffers.gaps[record.segments - 1] = self._gaps
+        record.buffers.durations[record.segments - 1] = 0.0
+        return record.segments - 1
+
+    def _next_event(self, regime: Regime, begin: Array, duration: float) -> tuple[float, Status]:
+        """Return the time until the next event, and the event functions that reach zero then."""
+        none = np.zeros(0, dtype=np.int64)
+        if not regime.sign.size:
+            return duration, none
+        contact = regime.sign != 0.0
+        owner = regime.owner
+        start = np.where(contact, regime.sign * self._gaps[regime.owner], np.sum(regime.rows * begin, axis=(1, 2)))
+        level = regime.level.copy()
+        own = np.flatnonzero(owner >= self._sliders)
+        if own.size:
+            self._start_sliders(regime, start, level, own, duration)
+        if regime.spectrum.blocks is not None:
+            sizes = self.solution.row_sizes @ np.abs(self.displacement)
+            level += np.where(contact, sizes[regime.owner], 0.0)
+        slow = np.abs(self._rows @ self.velocity) <= _ZERO * (np.abs(self._rows) @ np.abs(self.velocity))
+        leaving = contact & (start == 0.0) & slow[regime.owner]
+        if leaving.any():
+            # What leaves its stop without speed, as forces slowly change their signs, is not followed from nothing.
+            level += np.where(leaving, self._forces()[regime.owner] * (_NEAR * duration) ** 2, 0.0)
+        m, first = begin.shape[1], regime.loads
+        terms = EventFunctions(regime.rows, regime.sizes, start, level, first, m if regime.mixed else first)
+        space = search_space(m, start.size)
+        tau, evaluations = march(terms, regime.blocks, regime.levels, begin, duration, space)
+        self.solution.counters.gap_evaluations += evaluations * len(self._laws)
+        hits = np.flatnonzero(space.hits)
+        return (exact_cut(self.time, tau) if not hits.size and tau < duration else tau), hits
+
+    def _start_sliders(self, regime: Regime, start: Array, level: Array, own: Status, duration: float) -> None:
+        """Fill in values of the event functions of sliders at the start, and sizes of their constants."""
+        assert isinstance(self.solution, SlidingSolution)
+        sliders = self.solution.sliders
+        forces = self._forces()
+        for k in own.tolist():
+            j, at = int(regime.owner[k]) - self._sliders, int(regime.owner[k])
+            if self.status[at] == CLOSED:
+                sign = 1.0 if regime.leads[k] == UP else -1.0
+                start[k] = sign * self._gaps[at] - sliders.static[j] / sliders.stiffness[j]
+                if at in self._triggered and start[k] >= 0.0:
+                    # It has just come to rest, and its speed is zero but for rounding.
+                    level[k] += forces[at] * (_NEAR * duration) ** 2
+            elif self.status[at] != PINNED and sliders.rigid[j] and at in self._triggered:
+                # It begins to slide from rest.
+                start[k] = 0.0
+                level[k] += forces[at] * _NEAR * duration
+            start[k] = min(start[k], 0.0)
+
+    def _hold_sliders(self) -> None:
+        """Put the springs of sliders that slide at their limits; rigid sliders have none."""
+        if isinstance(self.solution, SlidingSolution):
+            sliders, first = self.solution.sliders, self._sliders
+            signs = sliders.signs(self.status)
+            sliding = signs * np.where(sliders.rigid, 0.0, sliders.limit / sliders.stiffness)
+            stuck = np.where(sliders.rigid, 0.0, self._gaps[first:])
+            self._gaps[first:] = np.where(signs != 0.0, sliding, stuck)
+
+    def _decide(self, triggered: dict[int, int]) -> None:
+        """Choose the statuses of the sliders."""
+        assert isinstance(self.solution, SlidingSolution)
+        before = self.status
+        self.status, self._gaps = self.solution.decide(
+            self.time, before, self.displacement, self.velocity, self._gaps, triggered
+        )
+        self.solution.counters.events += int(np.sum(before[self._sliders :] != self.status[self._sliders :]))
+
+    def _forces(self) -> Array:
+        """Return the sizes of the accelerations at the contacts, of which forces may balance each other, m/s^2."""
+        solution = self.solution
+        push = solution.space.stiffness * np.abs(self.displacement)
+        for vector, function in zip(solution.load_vectors, solution.load_functions, strict=True):
+            push = push + np.abs(vector) * abs(float(function(self.time)))
+        return np.asarray(np.abs(self._rows) @ push)
+
+    def _pass_event(self, entered: dict[int, int]) -> None:
+        """Change status and velocity at an event, given the contacts that reach a limit and where this leads."""
+        triggered = {j: new for j, new in entered.items() if j >= self._sliders}
+        entered = {j: new for j, new in entered.items() if j < self._sliders}
+        if entered:
+            self._pass_contacts(entered)
+        if isinstance(self.solution, SlidingSolution):
+            before = self.solution.record.last_status
+            self._decide(triggered)
+            self._triggered = self._changed(before)
+
+    def _pass_contacts(self, entered: dict[int, int]) -> None:
+        solution, rigid = self.solution, self._laws.rigid
+        yielding = {j: new for j, new in entered.items() if not rigid[j]}
+        before = self.status
+        after = solution.enter(self.time, before, yielding, self.displacement, self.velocity, self._pin_fraction)
+        touching = np.zeros(rigid.size, dtype=bool)
+        for j in entered:
+            if rigid[j] and before[j] == PINNED:
+                after[j] = OPEN
+                self._log(j, OPEN)
+            touching[j] = rigid[j] and before[j] != PINNED
+        changed = np.array(sorted(entered))
+        self._gaps = self._gaps.copy()
+        self._gaps[changed] = 0.0
+        free = changed[after[changed] != PINNED]
+        if free.size:
+            self.displacement = solution.at_gaps(free, self.displacement, self.time)
+        self.status = after
+        if touching.any():
+            self._strike(touching)
+
+    def _log(self, contact: int, status: int) -> None:
+        self.solution.record.add_event(self.time, contact, status)
+        self.solution.counters.events += 1
+
+    def _strike(self, touching: NDArray[np.bool_]) -> None:
+        """Let bodies bounce off the rigid stops that they touch, one after the other, until none approaches its stop.
+
+        Parameters
+        ----------
+        touching : ndarray of bool, shape (n_contacts,)
+            Rigid stops without those at which something rests, which join when an impact moves it.
+        """
+        laws, rows = self._laws, self._rows
+        for _ in range(_MOST_AT_ONCE):
+            at_rest = laws.rigid & (self.status == PINNED)
+            speed, zero = rows @ self.velocity, _ZERO * (np.abs(rows) @ np.abs(self.velocity))
+            self._largest = np.where(touching | at_rest, np.maximum(self._largest, speed), self._largest)
+            limit = np.maximum(REST * self._largest, zero)
+            for j in np.flatnonzero(at_rest & (speed < -limit)).tolist():
+                self._change(j, OPEN)
+            settled = touching & (speed >= -zero) & ((speed <= limit) | (laws.restitution == 0.0))
+            moving = (touching | at_rest) & ~settled & (speed > limit)
+            if not moving.any():
+                break
+            j = int(np.argmax(np.where(moving, speed, -np.inf)))
+            self._bounce(j)
+            touching[j] = True
+        else:
+            raise EventStormError(
+                f"more than {_MOST_AT_ONCE} impacts at t = {self.time:.6g} s: bodies are caught between rigid stops "
+                f"such as {laws.labels[int(np.argmax(touching))]}"
+            )
+        self._settle(settled)
+        speed = rows @ self.velocity
+        chattering = (self.status == PINNED) & laws.jump & (np.abs(speed) > zero)
+        for j in np.flatnonzero(chattering).tolist():
+            self._change(j, CLOSED if speed[j] > 0.0 else OPEN)
+
+    def _change(self, j: int, status: int) -> None:
+        """Give a contact a status, and record it."""
+        self.status = self.status.copy()
+        self.status[j] = status
+        self._log(j, status)
+
+    def _pushed(self, j: int, velocity: Array) -> float:
+        """Return the acceleration towards a stop that is open, m/s^2."""
+        solution = self.solution
+        load = solution.load(self.time)
+        total = acceleration(solution.space, self._laws, self.status, self.displacement, velocity, load)
+        if isinstance(solution, SlidingSolution):
+            push = np.zeros(len(self._laws))
+            sliders, first = solution.sliders, self._sliders
+            stuck = self.status[first:] == CLOSED
+            behind = stuck * (self._gaps[first:] - self._rows[first:] @ self.displacement)
+            push[first:] = sliders.signs(self.status) * sliders.limit + self._laws.stiffness[first:] * behind
+            total = total - push @ self._rows
+        return float(self._rows[j] @ total)
+
+    def _bounce(self, j: int) -> None:
+        """Let a body bounce off a stop; the state before is a segment of its own."""
+        self._record()
+        self.velocity = struck(self._rows[j], float(self._laws.restitution[j]), self.velocity)
+        self._log(j, CLOSED)
+        self._change(j, OPEN)
+
+    def _settle(self, settled: NDArray[np.bool_]) -> None:
+        """Pin the contacts that no longer move against their stops if forces press them on; else let them go."""
+        solution = self.solution
+        space, load = solution.space, solution.load(self.time)
+        for j in np.flatnonzero(settled).tolist():
+            row = self._rows[j]
+            held = self._rows[settled | (self.status == PINNED)]
+            velocity = self.velocity - np.linalg.pinv(held) @ (held @ self.velocity)
+            force = acceleration(space, None, self.status, self.displacement, velocity, load)
+            pushed, size = self._pushed(int(j), velocity), np.abs(row) @ np.abs(force)
+            if abs(pushed) <= _ZERO * size:
+                # Nothing pushes yet. The rate of the forces decides, as at the begin of a load.
+                rates = (
+                    vector * float(function.derivative(self.time))
+                    for vector, function in zip(solution.load_vectors, solution.load_functions, strict=True)
+                )
+                rate = sum(rates, -space.stiffness * velocity - space.damping_force(force))
+                pushed, size = float(row @ rate), 0.0
+            if pushed > _ZERO * size:
+                self._change(j, PINNED)
+            elif row @ self.velocity > 0.0:
+                self._bounce(j)

@@ -1,1 +1,0 @@
-"""Implementation of series for ParaView: grids, fields and VTU files."""

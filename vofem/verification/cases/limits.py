@@ -1,0 +1,340 @@
+"""Cases at the limits of numbers and steps: damped and stiff stops, chatter, grazing, faults, short loads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.bodies import Mass
+from vofem.effects import BaseMotion, Contact, Gravity, PointLoad, Pulse, Sine, Tabulated, TimeFunction
+from vofem.integrators.registry import method_named
+from vofem.scene import Scene
+from vofem.time_functions import Load
+from vofem.verification.case import (
+    ALPHA,
+    CENTRAL,
+    CONSERVING,
+    DYNAMIC,
+    EVENT_DRIVEN,
+    REFUSED,
+    REPORTED,
+    STOPPED,
+    Case,
+    How,
+    Quantity,
+    Run,
+    exact,
+    stepping,
+)
+
+
+def cases() -> Iterator[Case]:
+    """Yield the cases."""
+    for zeta in (0.01, 0.1, 0.5):
+        yield _restitution(zeta)
+    for phase in (0.1, 1.0, 10.0, 1e3):
+        yield _rebound(phase)
+    yield _chatter()
+    for zeta, impacts in ((0.05, 39), (0.1, 20), (0.3, 7)):
+        yield _nearly_zeno(zeta, impacts)
+    for depth in (1e-6, 1e-9, 1e-12):
+        yield _grazing(depth)
+    yield _scaled("by even powers of two", 4.0**5, 4.0**-3, 4.0**2, 0.0, 0.0)
+    yield _scaled("by 1e9 and 1e-9", 1e9, 1e-9, 1e-3, 1e-10, 1e-10)
+    yield _bad_load(np.nan)
+    yield _bad_load(np.inf)
+    yield _bad_start()
+    corners = np.array([0.0, _BEGIN, _BEGIN + 0.5 * _WIDTH, _BEGIN + _WIDTH, 10.0])
+    spike = Tabulated(corners, np.array([0.0, 0.0, _HEIGHT, 0.0, 0.0]))
+    yield _short_load("pulse of 1 ms", Pulse(_HEIGHT, _BEGIN, _WIDTH), _pulse)
+    yield _short_load("spike of 1 ms in a table", spike, _spike)
+    yield _short_load("spike of 1 ms in the motion of the base", spike, lambda t: -_spike(t), base=True)
+    yield _short_load("sine faster than the step", Sine(100.0, _FAST), _sine)
+    for stiffness in (1e4, 1e6, 1e8, 1e12):
+        yield _between_stops(stiffness)
+
+
+# -- Hard cases of free masses that meet a stop: 3 and 6
+
+
+def _restitution(zeta: float) -> Case:
+    stiffness = 1e4
+
+    def measure(run: Run) -> Mapping[str, float]:
+        mass = Mass(1.0)
+        stop = Contact(
+            mass, gap=0.1, stiffness=stiffness, damping=2.0 * zeta * np.sqrt(stiffness), side="below",
+            acts_on="penetration", name="stop",
+        )  # fmt: skip
+        result = run.simulate(Scene([mass], [stop], initial={mass: (0.0, -1.0)}), 0.5)
+        contact = result.contacts["stop"]
+        return {
+            "restitution": float(result.velocity(mass)[-1]),
+            "dissipated [J]": float(result.energy.dissipated[-1]),
+            "closes at [s]": float(contact.closings[0]),
+            "openings": contact.openings.size,
+        }
+
+    e = np.exp(-np.pi * zeta / np.sqrt(1.0 - zeta**2))
+    quantities = (
+        Quantity("restitution", e),
+        Quantity("dissipated [J]", 0.5 * (1.0 - e**2)),
+        Quantity("closes at [s]", 0.1),
+        Quantity("openings", 1.0),
+    )
+    how = exact(1e-11) | stepping(1e-5, 2e-6)
+    # The damper's force jumps at closing, and central differences notice it one step late.
+    how[CENTRAL] = How(1e-3, {"dt": 1e-5})
+    return Case(3, f"damped stop, zeta = {zeta:g}", "closed form", quantities, measure, how)
+
+
+def _rebound(phase: float, entries: int = 40) -> Case:
+    omega = 1e4
+    dt = phase / omega
+
+    def measure(run: Run) -> Mapping[str, float]:
+        speeds = []
+        for entry in np.arange(entries) / entries:
+            mass = Mass(1.0)
+            stop = Contact(mass, gap=0.0, stiffness=omega**2, side="above", acts_on="penetration", name="stop")
+            scene = Scene([mass], [stop], initial={mass: (-(3.0 + entry) * dt, 1.0)})
+            t_end = 12.0 * dt + 2.0 * np.pi / omega
+            speeds.append(-float(run.simulate(scene, t_end).velocity(mass)[-1]))
+        return {"speed out, the worst of all [m/s]": max(speeds, key=lambda v: abs(v - 1.0))}
+
+    how = exact(1e-12) | {CONSERVING: How(5e-13, {"dt": dt})}
+    reported = How(0.01, {"dt": dt}, REPORTED, "energy: ")
+    how[ALPHA] = reported if phase < 5.0 else How(0.01, {"dt": dt}, STOPPED, "blew up")
+    how[CENTRAL] = reported if phase < 2.0 else How(0.01, {"dt": dt}, REFUSED, "critical step")
+    quantities = (Quantity("speed out, the worst of all [m/s]", 1.0),)
+    name = f"rebound of a free mass, {entries} entries, omega dt = {phase:g}"
+    return Case(6, name, "closed form", quantities, measure, how)
+
+
+# -- Hard cases with events that accumulate in time or are easily missed: 8, 9 and 10
+
+
+def _chatter() -> Case:
+    counts = {50.0: 63, 100.0: 208, 150.0: 541, 200.0: 1307, 250.0: 3068}
+
+    def measure(run: Run) -> Mapping[str, float]:
+        mass = Mass(1.0, damping=0.05)
+        stop = Contact(mass, gap=1.0, stiffness=1.0, side="above", acts_on="displacement", name="stop")
+        scene = Scene([mass], [stop, PointLoad(mass, 0.4)], initial={mass: (1.0, 0.3)})
+        result = run.simulate(scene, 250.0)
+        events = result.solution.events.time
+        found = {f"events by {t:g} s": float(np.sum(events <= t)) for t in counts}
+        late = result.displacement(mass)[result.times >= 225.0]
+        return found | {"distance from the gap after 225 s [m]": float(np.max(np.abs(late - 1.0)))}
+
+    quantities = (
+        *(Quantity(f"events by {t:g} s", float(count), tolerance={EVENT_DRIVEN: 0.0}) for t, count in counts.items()),
+        Quantity("distance from the gap after 225 s [m]", 0.0, relative=False),
+    )
+    how = exact(1e-4) | stepping(1e-3, 3e-3, says="chatter")
+    return Case(8, "chatter of the displacement law", "independent program", quantities, measure, how)
+
+
+def _nearly_zeno(zeta: float, impacts: int) -> Case:
+    omega = 1e4
+    e = np.exp(-np.pi * zeta / np.sqrt(1.0 - zeta**2))
+    rest = 2.0 * e / (10.0 * (1.0 - e))
+
+    def measure(run: Run) -> Mapping[str, float]:
+        mass = Mass(1.0)
+        stop = Contact(
+            mass, gap=0.0, stiffness=omega**2, damping=2.0 * zeta * omega, side="below", acts_on="penetration",
+            name="stop",
+        )  # fmt: skip
+        scene = Scene([mass], [stop, Gravity(10.0)], initial={mass: (0.0, -1.0)})
+        t_end = 1.1 * rest + 0.02
+        result = run.simulate(scene, t_end, times=[0.0, t_end])
+        closings = result.contacts["stop"].closings
+        return {"impacts": float(closings.size), "final position [m]": float(result.displacement(mass)[-1])}
+
+    quantities = (
+        Quantity("impacts", float(impacts), tolerance=0.0),
+        Quantity("final position [m]", -10.0 / omega**2, tolerance=1e-6),
+    )
+    how = exact() | stepping(1e-6, slow=zeta < 0.2)
+    return Case(9, f"nearly Zeno, zeta = {zeta:g}", "independent program", quantities, measure, how)
+
+
+def _grazing(depth: float) -> Case:
+    def measure(run: Run) -> Mapping[str, float]:
+        mass = Mass(1.0, stiffness=1.0)
+        stop = Contact(mass, gap=1.0 - depth, stiffness=1e-9, side="above", acts_on="penetration", name="stop")
+        result = run.simulate(Scene([mass], [stop], initial={mass: (0.0, 1.0)}), 20.0 * np.pi)
+        return {"crossings": float(result.counters.events)}
+
+    how = exact(0.0)
+    for method in (CONSERVING, ALPHA, CENTRAL):
+        # Numerical dissipation would take the motion out of the stop's reach.
+        more = {"rho_infinity": 1.0} if method == ALPHA else {}
+        how[method] = (
+            How(0.0, {"dt": 1e-3, **more}, REPORTED, "passed over") if depth < 1e-7 else How(0.0, {"dt": 1e-3, **more})
+        )
+    quantities = (Quantity("crossings", 20.0),)
+    name = f"grazing by {depth:g} m, ten periods"
+    return Case(10, name, "closed form", quantities, measure, how)
+
+
+# -- Hard case 24: the same scene in other units
+
+
+def _two_masses(length: float, mass: float, time: float) -> tuple[Mass, Scene]:
+    stiffness, force = mass / time**2, mass * length / time**2
+    first = Mass(mass, stiffness=stiffness, damping=0.1 * mass / time)
+    second = Mass(mass, stiffness=stiffness, damping=0.4 * mass / time)
+    contact = Contact(first, second, gap=5.0 * length, stiffness=2.0 * stiffness, acts_on="penetration")
+    loads = [PointLoad(m, Sine(a * force, 0.8 / time)) for m, a in ((first, 5.0), (second, -5.0))]
+    return first, Scene([first, second], [contact, *loads], initial={first: (0.0, -length / time)})
+
+
+def _scaled(name: str, length: float, mass: float, time: float, exact: float, steps: float) -> Case:
+    def measure(run: Run) -> Mapping[str, float]:
+        histories = []
+        for a, b, c in ((1.0, 1.0, 1.0), (length, mass, time)):
+            first, scene = _two_masses(a, b, c)
+            more = {"dt": 2.0**-7 * c} if method_named(run.method).steps else {}
+            result = run.simulate(scene, 20.0 * c, times=np.linspace(0.0, 20.0, 641) * c, **more)
+            histories.append(result.displacement(first) / a)
+        size = np.max(np.abs(histories[0]))
+        return {"largest difference": float(np.max(np.abs(histories[1] - histories[0])) / size)}
+
+    quantities = (Quantity("largest difference", 0.0, relative=False),)
+    how = {method: How(exact if method == EVENT_DRIVEN else steps) for method in DYNAMIC}
+    return Case(24, f"units scaled {name}", "the scene in SI units", quantities, measure, how)
+
+
+# -- Hard case 25: a value that is not a number ends a run with an error that says where and when
+
+
+def _oscillator(velocity: float, load: Load) -> Scene:
+    mass = Mass(1.0, stiffness=1.0, name="ball")
+    stop = Contact(mass, gap=0.1, stiffness=10.0, side="above", acts_on="penetration")
+    return Scene([mass], [stop, PointLoad(mass, load)], initial={mass: (0.0, velocity)})
+
+
+def _bad_load(value: float) -> Case:
+    def function(t: float) -> float:
+        return value if t > 1.0 else 0.1
+
+    def measure(run: Run) -> Mapping[str, float]:
+        run.simulate(_oscillator(0.0, function), 2.0)
+        return {"none": 0.0}
+
+    how = {method: How(0.0, expected=STOPPED, says=r"load function .* at t = 1\.00") for method in DYNAMIC[1:]}
+    how[EVENT_DRIVEN] = How(0.0, expected=REFUSED, says="no closed form")
+    name = f"a load that turns {value} at 1 s"
+    return Case(25, name, "a typed error", (Quantity("none", 0.0, False),), measure, how)
+
+
+def _bad_start() -> Case:
+    def measure(run: Run) -> Mapping[str, float]:
+        run.simulate(_oscillator(np.nan, 0.1), 2.0)
+        return {"none": 0.0}
+
+    how = {method: How(0.0, expected=REFUSED, says="initial velocity of Mass 'ball'") for method in DYNAMIC}
+    return Case(
+        25, "a start velocity that is not a number", "a typed error", (Quantity("none", 0.0, False),), measure, how
+    )
+
+
+# -- Hard case 31: loads that are shorter, or faster, than a step
+
+Array = NDArray[np.float64]
+
+#: Angular frequency of a mass of 1 kg on 4 N/m, 1/s.
+_PULSED = 2.0
+
+#: Step of all stepping methods, ten times as long as the loads.
+_STEP = 0.01
+
+#: When displacements are compared, s.
+_LATER = (6.0, 8.0, 10.0)
+
+#: Begin in s, width in s and height of the pulse and of the spikes.
+_BEGIN, _WIDTH, _HEIGHT = 5.0123, 1e-3, 1000.0
+
+#: Angular frequency of the fast sine, 1/s: with steps of 0.01 s its values pass for a slow motion near resonance.
+_FAST = 630.3
+
+
+def _short_load(name: str, load: TimeFunction, right: Callable[[Array], Array], base: bool = False) -> Case:
+    """Return a case of an oscillator under a load in N, or on a base with an acceleration in m/s^2."""
+    names = [f"displacement at {t:g} s [m]" for t in _LATER]
+
+    def measure(run: Run) -> Mapping[str, float]:
+        mass = Mass(1.0, stiffness=_PULSED**2)
+        effect = BaseMotion(mass, load) if base else PointLoad(mass, load)
+        found = run.simulate(Scene([mass], [effect]), 10.0, times=[0.0, *_LATER]).displacement(mass)[1:]
+        return dict(zip(names, found.tolist(), strict=True))
+
+    values = right(np.array(_LATER)).tolist()
+    quantities = tuple(Quantity(*pair, relative=False) for pair in zip(names, values, strict=True))
+    how = exact(1e-9) | stepping(_STEP, 1e-3, says=r"^load: .* less than a step")
+    return Case(31, name, "closed form", quantities, measure, how)
+
+
+def _pulse(t: Array) -> Array:
+    """Return the displacement in m after the pulse; sums of cosines are written as products, which lose no digits."""
+    middle = t - (_BEGIN + 0.5 * _WIDTH)
+    return 2.0 * _HEIGHT / _PULSED**2 * np.sin(0.5 * _PULSED * _WIDTH) * np.sin(_PULSED * middle)
+
+
+def _spike(t: Array) -> Array:
+    """Return the displacement in m after a triangle, which is the convolution of two pulses of half its width."""
+    middle = t - (_BEGIN + 0.5 * _WIDTH)
+    share = np.sin(0.25 * _PULSED * _WIDTH) / (0.25 * _PULSED * _WIDTH)
+    return 0.5 * _HEIGHT * _WIDTH / _PULSED * share**2 * np.sin(_PULSED * middle)
+
+
+def _sine(t: Array) -> Array:
+    """Return the displacement in m of a mass at rest at t = 0 under the fast sine."""
+    return 100.0 / (_PULSED**2 - _FAST**2) * (np.sin(_FAST * t) - _FAST / _PULSED * np.sin(_PULSED * t))
+
+
+# -- Hard case 32: a free mass between two stops so stiff that impacts are far shorter than what a tolerance suggests
+
+#: Gap on both sides, m, and end of the run, s. The speed is 1 m/s.
+_GAP, _T_END = 0.5, 9.7
+
+#: Tolerance of the steps.
+_TOL = 1e-4
+
+
+def _between_stops(stiffness: float) -> Case:
+    omega = np.sqrt(stiffness)
+    touch, deepest = np.pi / omega, _GAP + 1.0 / omega
+
+    def measure(run: Run) -> Mapping[str, float]:
+        mass = Mass(1.0)
+        stops = [
+            Contact(mass, gap=_GAP, stiffness=stiffness, side=side, acts_on="penetration", name=side)
+            for side in ("above", "below")
+        ]
+        # A time within the last contact is included, because the displacement is largest there.
+        times = np.append(np.linspace(0.0, _T_END, 1001), _GAP + 0.5 * touch)
+        result = run.simulate(Scene([mass], stops, initial={mass: (0.0, 1.0)}), _T_END, times=np.sort(times))
+        return {
+            "displacement at the end [m]": float(result.displacement(mass)[-1]),
+            "largest displacement [m]": float(np.max(np.abs(result.displacement(mass)))),
+            "largest speed [m/s]": float(np.max(np.abs(result.velocity(mass)))),
+        }
+
+    # The motion from one stop to the other takes one second and the duration of a contact.
+    crossings, since = divmod(_T_END - _GAP, 2.0 * _GAP + touch)
+    inside = _GAP + np.sin(omega * since) / omega if since < touch else _GAP - (since - touch)
+    quantities = (
+        Quantity("displacement at the end [m]", (-1.0) ** crossings * inside, relative=False),
+        Quantity("largest displacement [m]", deepest, relative=False),
+        Quantity("largest speed [m/s]", 1.0, False, {EVENT_DRIVEN: 1e-8, CONSERVING: 1e-3, ALPHA: 1e-3}),
+    )
+    how = exact(1e-8) | {method: How(_TOL * deepest, {"tol": _TOL}) for method in (CONSERVING, ALPHA)}
+    # This method has no steps under a tolerance, and refuses the argument.
+    how |= {CENTRAL: How(0.0, {"tol": _TOL}, REFUSED, "tol was given")}
+    return Case(32, f"free mass between stops of {stiffness:.0e} N/m, tol = {_TOL:g}", "closed form", quantities,
+                measure, how)  # fmt: skip

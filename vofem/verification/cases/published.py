@@ -1,0 +1,429 @@
+"""Cases from the validation manuals of other codes: frequencies, motions and equilibria."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from vofem.bodies import Beam, Mass
+from vofem.effects import (
+    Contact,
+    DistributedLoad,
+    Foundation,
+    Gravity,
+    NonlinearSpring,
+    PointLoad,
+    PointMass,
+    PointMoment,
+    Pulse,
+    RayleighDamping,
+    RotationalSpring,
+    Sine,
+    Spring,
+)
+from vofem.scene import Scene
+from vofem.simulate.simulation import simulate
+from vofem.verification.case import (
+    ALPHA,
+    CENTRAL,
+    CONSERVING,
+    EVENT_DRIVEN,
+    REFUSED,
+    REPORTED,
+    Case,
+    How,
+    Quantity,
+    Run,
+    exact,
+    stepping,
+)
+from vofem.verification.cases import masses
+
+
+def cases() -> Iterator[Case]:
+    """Yield the cases."""
+    yield _frequencies("simply supported beam", "vpcs_sdll05_ss_beam", _simply_supported, ("f1", "f2"))
+    yield _frequencies("beam with a sprung mass, bare", "vpcs_sdll04_sprung_mass", _bare, ("f1", "f2"), "bare")
+    for index in (1, 2):
+        m = published("vpcs_sdll04_sprung_mass")["parameters"]["m"][index]
+
+        def sprung(p: Mapping[str, Any], index: int = index) -> Scene:
+            return _sprung(p, index)
+
+        name = f"beam with a sprung mass of {m:g} kg"
+        yield _frequencies(name, "vpcs_sdll04_sprung_mass", sprung, ("f1", "f2", "f3"), f"m={m:g}")
+    yield _frequencies(
+        "cantilever tube with a tip mass", "vpcs_sdll15_tip_mass", _tip_mass, ("f1", "f2", "f3", "f4"), "bending"
+    )
+    for at, width in (("case 1", 0.04), ("case 2", 0.05)):
+
+        def tapered(p: Mapping[str, Any], width: float = width) -> Scene:
+            return _tapered(p, width)
+
+        yield _frequencies(
+            f"tapered cantilever, {at}", "vpcs_sdll09_tapered", tapered, [f"f{k}" for k in range(1, 6)], at
+        )
+    yield _frequencies(
+        "beam folded on itself", "vpcs_sdll02_folded", _folded, ("f1,f2", "f3,f4", "f5,f6", "f7,f8"), each=2, own=1e-4
+    )
+    yield _motions("release on a stop, two impacts", "ca_sdnd101_release_stop", _RELEASE, _release, 1e-4)
+    yield _motions("frequency of a bilinear oscillator", "ca_sdnd122_bilinear_nnm", _BILINEAR, _bilinear, 1e-3)
+    yield _motions("bouncing ball", "ansys_vm65_ball", _BALL, _ball, 1e-5)
+    yield _motions("rectangular pulse on two masses", "ansys_vm182_pulse_2dof", _PULSE, _pulse, 1e-3)
+    for zeta in ("0", "0.7"):
+        yield _motions(
+            f"impulse on an oscillator, zeta = {zeta}",
+            "ansys_vm74_impulse",
+            (("y", f"t=0.1 zeta={zeta}"),),
+            _impulse(zeta),
+            1e-4,
+        )
+    yield _motions(
+        "cantilever that hits a stop",
+        "ca_sdnl104_cantilever_stop",
+        (("kinetic_energy", "t=0.16 converged model"),),
+        _cantilever,
+        1e-5,
+    )
+    yield _loose_tube()
+    yield _zener()
+    yield _softening()
+    yield _winkler()
+
+
+@cache
+def published(name: str) -> dict[str, Any]:
+    """Return a published test case: statement, parameters, sources, and quantities with what is known of them."""
+    text = (files("vofem.verification") / "published" / f"{name}.json").read_text(encoding="utf-8")
+    case: dict[str, Any] = json.loads(text)
+    return case
+
+
+def entry(case: dict[str, Any], name: str, at: str | None = None) -> dict[str, Any]:
+    """Return one quantity of a published case: value, tolerance and independent recomputation."""
+    found = [q for q in case["quantities"] if q["name"] == name and (at is None or q["at"] == at)]
+    if len(found) != 1:
+        raise KeyError(f"{case['id']} has {len(found)} quantities {name!r} at {at!r}")
+    quantity: dict[str, Any] = found[0]
+    return quantity
+
+
+def source(case: dict[str, Any]) -> str:
+    """Return the test case's name and where it is published."""
+    return f"{case['id']}, {case['source'][0].split(' ')[0]}"
+
+
+# -- Frequencies from the validation manuals of other codes
+
+PINNED = {"left": "pinned", "right": "pinned"}
+
+
+def _frequencies(
+    name: str, file: str, build: Callable[[Mapping[str, Any]], Scene], names: Sequence[str], at: str = "",
+    each: int = 1, own: float = 1e-5,
+) -> Case:  # fmt: skip
+    """Return a case that compares with the printed values, and with independent recomputations to more digits."""
+    data = published(file)
+    entries = [entry(data, key, at) for key in names]
+    printed = [f"{key} as printed [Hz]" for key in names]
+    again = [f"{key} recomputed [Hz]" for key in names]
+
+    def measure(run: Run) -> Mapping[str, float]:
+        found = run.modes(build(data["parameters"]), each * len(names)).frequencies.reshape(len(names), each)
+        values = {}
+        for k, q in enumerate(entries):
+            values[printed[k]] = float(found[k][np.argmax(np.abs(found[k] - q["value"]))])
+            values[again[k]] = float(found[k][np.argmax(np.abs(found[k] - q["our_value"]))])
+        return values
+
+    quantities = _quantities(printed, entries)
+    quantities += tuple(Quantity(key, q["our_value"]) for key, q in zip(again, entries, strict=True))
+    return Case(None, name, source(data), quantities, measure, {"modes": How(own)})
+
+
+def _simply_supported(p: Mapping[str, Any]) -> Scene:
+    return Scene([Beam(p["L"], p["E"] * p["I"], p["rho"] * p["A"], 40, PINNED)])
+
+
+def _bare(p: Mapping[str, Any]) -> Scene:
+    return _simply_supported(p)
+
+
+def _sprung(p: Mapping[str, Any], index: int) -> Scene:
+    """Return a beam and a mass, two bodies joined by a spring at a quarter of the span."""
+    beam = Beam(p["L"], p["E"] * p["I"], p["rho"] * p["A"], 40, PINNED)
+    mass = Mass(p["m"][index])
+    return Scene([beam, mass], [Spring(beam.at(p["L"] / 4.0), mass, stiffness=p["k"][index])])
+
+
+def _tip_mass(p: Mapping[str, Any]) -> Scene:
+    inertia = np.pi / 64.0 * (p["De"] ** 4 - p["Di"] ** 4)
+    area = np.pi / 4.0 * (p["De"] ** 2 - p["Di"] ** 2)
+    beam = Beam(p["L"], p["E"] * inertia, p["rho"] * area, 40, {"left": "clamped"})
+    return Scene([beam], [PointMass(beam.at("right"), mass=p["tip_mass"])])
+
+
+def _tapered(p: Mapping[str, Any], root_width: float) -> Scene:
+    def height(x: Any) -> Any:
+        return 0.04 - 0.03 * x / p["L"]
+
+    def width(x: Any) -> Any:
+        return root_width - (root_width - 0.01) * x / p["L"]
+
+    def bending(x: Any) -> Any:
+        return p["E"] * width(x) * height(x) ** 3 / 12.0
+
+    def mass(x: Any) -> Any:
+        return p["rho"] * width(x) * height(x)
+
+    return Scene([Beam(p["L"], bending, mass, 60, {"left": "clamped"})])
+
+
+def _folded(p: Mapping[str, Any]) -> Scene:
+    """Return two arms side by side, one clamped and one free at the far end, stiffly joined there."""
+    width, height, arm = 0.050, 0.005, p["arm"]
+    EI, rhoA = p["E"] * width * height**3 / 12.0, p["rho"] * width * height
+    outer = Beam(arm, EI, rhoA, 40, {"left": "clamped"})
+    inner = Beam(arm, EI, rhoA, 40)
+    fold = [
+        Spring(outer.at("right"), inner.at("right"), stiffness=1e8 * EI / arm**3),
+        RotationalSpring(outer.at("right"), inner.at("right"), stiffness=1e8 * EI / arm),
+    ]
+    return Scene([outer, inner], fold)
+
+
+# -- Motions and equilibria from the validation manuals of other codes
+
+Measure = Callable[[Run], Mapping[str, float]]
+
+#: (name, place) of the published quantities of a case.
+Names = tuple[tuple[str, str], ...]
+
+
+def _motions(name: str, file: str, names: Names, measure: Measure, dt: float) -> Case:
+    data = published(file)
+    entries = [entry(data, *key) for key in names]
+    how = exact() | stepping(dt)
+    # Numerical dissipation would change the published digits.
+    how[ALPHA] = How(options={"dt": dt, "rho_infinity": 1.0})
+    return Case(None, name, source(data), _quantities([_label(key) for key in names], entries), measure, how)
+
+
+def _quantities(names: Iterable[str], entries: Iterable[Mapping[str, Any]]) -> tuple[Quantity, ...]:
+    """Return published quantities, each with the tolerance that its digits allow."""
+    return tuple(Quantity(name, q["value"], False, q["tolerance"]) for name, q in zip(names, entries, strict=True))
+
+
+def _label(key: tuple[str, str]) -> str:
+    return f"{key[0]} ({key[1]})" if key[1] else key[0]
+
+
+_RELEASE: Names = (
+    ("time_of_force_peak", "impact 1"),
+    ("max_stop_force", "impact 1"),
+    ("time_of_force_peak", "impact 2"),
+    ("max_stop_force", "impact 2"),
+)
+_BILINEAR: Names = (("frequency", "E=0.00650108331626"),)
+_BALL: Names = (("impact_time", ""), ("impact_velocity", ""), ("kinetic_energy", "impact"))
+_PULSE: Names = (("Y1", "t=1.3"), ("Y2", "t=1.3"), ("Y1", "t=2.4"))
+
+
+def _release(run: Run) -> Mapping[str, float]:
+    mass, scene = masses.release_on_a_stop()
+    result = run.simulate(scene, 0.5)
+    contact = result.contacts["stop"]
+    middle = 0.5 * (contact.closings[:2] + contact.openings[:2])
+    peak = 1e6 * result.displacement(mass, t=middle)
+    values: dict[str, float] = {}
+    for k in (0, 1):
+        values[f"time_of_force_peak (impact {k + 1})"] = float(middle[k])
+        values[f"max_stop_force (impact {k + 1})"] = float(peak[k])
+    return values
+
+
+def _bilinear(run: Run) -> Mapping[str, float]:
+    closings = run.simulate(masses.bilinear(0.00650108331626, 0.01), 20.0).contacts["stop"].closings
+    return {_label(_BILINEAR[0]): 1.0 / float(np.diff(closings)[0])}
+
+
+def _ball(run: Run) -> Mapping[str, float]:
+    m, k, g, h = (published("ansys_vm65_ball")["parameters"][key] for key in ("m", "k", "g", "h"))
+    ball = Mass(m)
+    stop = Contact(ball, gap=h, stiffness=k, side="below", acts_on="penetration", name="stop")
+    result = run.simulate(Scene([ball], [stop, Gravity(g)]), 0.2)
+    impact = float(result.contacts["stop"].closings[0])
+    velocity = float(result.velocity(ball, t=impact)[0])
+    return {"impact_time": impact, "impact_velocity": velocity, "kinetic_energy (impact)": 0.5 * m * velocity**2}
+
+
+def _pulse(run: Run) -> Mapping[str, float]:
+    p = published("ansys_vm182_pulse_2dof")["parameters"]
+    upper, lower = Mass(p["m1"]), Mass(p["m2"], stiffness=p["k2"])
+    effects = [Spring(upper, lower, stiffness=p["k1"]), PointLoad(upper, Pulse(50.0, 0.0, 1.8))]
+    result = run.simulate(Scene([upper, lower], effects), 3.0, times=[0.0, 1.3, 2.4])
+    one, two = result.displacement(upper), result.displacement(lower)
+    return {"Y1 (t=1.3)": float(one[1]), "Y2 (t=1.3)": float(two[1]), "Y1 (t=2.4)": float(one[2])}
+
+
+def _impulse(zeta: str) -> Measure:
+    def measure(run: Run) -> Mapping[str, float]:
+        p = published("ansys_vm74_impulse")["parameters"]
+        mass = Mass(p["m"], stiffness=p["k"], damping=2.0 * float(zeta) * np.sqrt(p["k"] * p["m"]))
+        result = run.simulate(Scene([mass], initial={mass: (0.0, 10.0 / p["m"])}), 0.1, times=[0.0, 0.1])
+        return {f"y (t=0.1 zeta={zeta})": float(result.displacement(mass)[-1])}
+
+    return measure
+
+
+def _cantilever(run: Run) -> Mapping[str, float]:
+    p = published("ca_sdnl104_cantilever_stop")["parameters"]
+    inertia, area = np.pi * p["R"] ** 4 / 4.0, np.pi * p["R"] ** 2
+    beam = Beam(p["L"], p["E"] * inertia, p["rho"] * area, 20, {"left": "clamped"})
+    stop = Contact(
+        beam.at("right"), gap=p["gap"], stiffness=p["k_stop"], side="below", acts_on="penetration", name="stop"
+    )
+    result = run.simulate(Scene([beam], [stop, PointLoad(beam.at("right"), -1000.0)]), 0.16)
+    return {"kinetic_energy (t=0.16 converged model)": float(result.energy.kinetic[-1])}
+
+
+def _loose_tube() -> Case:
+    data = published("ca_sdnl301_loose_tube")
+    p = data["parameters"]
+    entries = data["quantities"]
+    names = [f"{q['name']} ({q['at']})" for q in entries]
+
+    def measure(run: Run) -> Mapping[str, float]:
+        scene = loosely_supported_tube()
+        times = np.linspace(0.17, 0.25, 4001)
+        stops = run.simulate(scene, 0.25, times=times).contacts
+        force = stops["above 4"].force - stops["below 4"].force
+        rms = float(np.sqrt(np.trapezoid(force**2, times) / 0.08))
+        return dict.fromkeys(names, rms)
+
+    how = exact(slow=True) | stepping(1e-5, slow=True)
+    # The highest modes are overdamped: 7e6 1/s.
+    how[CENTRAL] = How(0.0, {"dt": 1e-5}, REFUSED, "critical step")
+    assert p["elements"] % 4 == 0
+    name = "tube that rattles in loose supports"
+    return Case(None, name, source(data), _quantities(names, entries), measure, how)
+
+
+def loosely_supported_tube() -> Scene:
+    """Return the tube of SDNL301, whose stops "above k" and "below k" stand at k quarters of its length."""
+    p = published("ca_sdnl301_loose_tube")["parameters"]
+    outer, inner = p["R"], p["R"] - p["wall"]
+    area, inertia = np.pi * (outer**2 - inner**2), np.pi / 4.0 * (outer**4 - inner**4)
+    count, span = p["elements"], p["elements"] // 4
+    tube = Beam(p["L"], p["E"] * inertia, p["rho"] * area, count, {"left": "clamped"}, name="tube")
+    effects: list[Any] = [RayleighDamping(*p["rayleigh"])]
+    for quarter in range(1, 5):
+        place = tube.at(0.25 * quarter * p["L"])
+        for side in ("above", "below"):
+            law = {"gap": p["gap"], "stiffness": p["k_stop"], "damping": p["c_stop"], "acts_on": "penetration"}
+            effects.append(Contact(place, side=side, name=f"{side} {quarter}", **law))
+        push = Sine((-1.0) ** (quarter - 1) * p["force"], p["omega"])
+        nodes = range((quarter - 1) * span + 1, quarter * span)
+        effects += [PointLoad(tube.at(node * p["L"] / count), push) for node in nodes]
+    return Scene([tube], effects)
+
+
+def _zener() -> Case:
+    """Nodes between springs have no mass there, here hardly any. Displacements count from the far end's new place."""
+    data = published("ca_sdnd107_zener")
+    p = data["parameters"]
+    entries = [q for q in data["quantities"] if q["name"] == "u_mass"]
+    times = [float(q["at"].removeprefix("t=")) for q in entries]
+    names = [f"u_mass ({q['at']})" for q in entries]
+
+    def measure(run: Run) -> Mapping[str, float]:
+        light = 1e-9
+        mass, middle, inner = Mass(p["m"]), Mass(light, stiffness=p["K2"]), Mass(light, damping=p["C"])
+        springs = [Spring(mass, middle, stiffness=p["K1"]), Spring(middle, inner, stiffness=p["K3"])]
+        # The dashpot does not move at first, and the massless node jumps to the place where the springs balance.
+        at_once = -0.1 * p["K1"] / (p["K1"] + p["K2"] + p["K3"])
+        start = {mass: (-0.1, 0.0), middle: (at_once, 0.0), inner: (0.0, 0.0)}
+        wanted = np.sort(times)
+        result = run.simulate(Scene([mass, middle, inner], springs, initial=start), 5.0, times=np.append(0.0, wanted))
+        found = dict(zip(wanted, 0.1 + result.displacement(mass)[1:], strict=True))
+        return {name: float(found[t]) for name, t in zip(names, times, strict=True)}
+
+    quantities = tuple(Quantity(name, q["value"], relative=False) for name, q in zip(names, entries, strict=True))
+    # The light nodes hold 1e-9 of the energy. Their first motion within 1e-9 s is beyond generalized_alpha's steps.
+    how = {
+        EVENT_DRIVEN: How(4e-9),
+        CONSERVING: How(2e-6, {"dt": 1e-4}),
+        ALPHA: How(2e-6, {"dt": 1e-4}, REPORTED, "energy: "),
+    }
+    how[CENTRAL] = How(0.0, {"dt": 1e-4}, REFUSED, "critical step")
+    return Case(None, "mass on a Zener element", source(data), quantities, measure, how)
+
+
+def _softening() -> Case:
+    data = published("ca_sdnd103_softening_mms")
+    p = data["parameters"]
+    m, k, x0, a, w = p["m"], p["k0"], p["x0"], p["a"], np.pi / 4
+    entries = [q for q in data["quantities"] if q["name"] == "x"][:2]
+    names = [f"x ({q['at']})" for q in entries]
+
+    def load(t: Any) -> Any:
+        x = a * np.sin(w * t)
+        return m * (-(w**2) * x + k / m * x * (1 - abs(x) / x0))
+
+    def measure(run: Run) -> Mapping[str, float]:
+        mass = Mass(m)
+        spring = NonlinearSpring(
+            mass,
+            potential=lambda u: k * (u**2 / 2 - abs(u) ** 3 / (3 * x0)),
+            force=lambda u: k * u * (1 - abs(u) / x0),
+        )
+        scene = Scene([mass], [spring, PointLoad(mass, load)], {mass: (0.0, w * a)})
+        found = run.simulate(scene, 6.0, times=[0.0, 2.0, 6.0]).displacement(mass)[1:]
+        return dict(zip(names, found.tolist(), strict=True))
+
+    quantities = tuple(Quantity(name, q["value"], relative=False) for name, q in zip(names, entries, strict=True))
+    how = {method: How(1e-9, {"dt": 5e-4}) for method in (ALPHA, CENTRAL)}
+    # The error is 2.8e-9 m at the step of the others, and falls with its square.
+    how[CONSERVING] = How(1e-9, {"dt": 2.5e-4}, slow=True)
+    how[EVENT_DRIVEN] = How(0.0, expected=REFUSED, says="no closed form|not piecewise linear")
+    return Case(None, "softening spring, manufactured solution", source(data), quantities, measure, how)
+
+
+def _winkler() -> Case:
+    data = published("vpcs_ssll16_winkler")
+    p = data["parameters"]
+    names: Names = (
+        ("rotation_A", "x=0"),
+        ("deflection", "x=L/2"),
+        ("support_shear_A", "x=0"),
+        ("bending_moment", "x=L/2"),
+    )
+    entries = [entry(data, *key) for key in names]
+
+    def measure(run: Run) -> Mapping[str, float]:
+        length = np.pi * np.sqrt(10.0) / 2.0
+        beam = Beam(length, p["E"] * p["I"], 1.0, 40, {"left": "pinned", "right": "pinned"})
+        effects = [
+            Foundation(beam, stiffness=p["K_foundation"]),
+            PointLoad(beam.at(length / 2), -1e4),
+            DistributedLoad(beam, -5000.0),
+            PointMoment(beam.at("left"), -15000.0),
+            PointMoment(beam.at("right"), 15000.0),
+        ]
+        rest = run.equilibrium(Scene([beam], effects))
+        values = (
+            rest.slope([0.0])[0],
+            rest.deflection([length / 2])[0],
+            simulate(Scene([beam], effects, initial=rest), 1e-3).reaction(beam, "left").force[0],
+            rest.bending_moment([length / 2])[0],
+        )
+        return {_label(key): float(value) for key, value in zip(names, values, strict=True)}
+
+    found = zip(names, entries, (5e-4, 2e-4, 2e-4, 5e-4), strict=True)
+    quantities = tuple(Quantity(_label(key), q["value"], tolerance=within) for key, q, within in found)
+    return Case(None, "beam on a Winkler foundation", source(data), quantities, measure, {"equilibrium": How()})
