@@ -14,7 +14,7 @@ from scenes import paper_beam, two_masses
 
 import vofem as vf
 from vofem import cli
-from vofem.cli.accuracy import show_progress
+from vofem.cli import show_progress
 from vofem.io import plot
 from vofem.io.study_tables import study_table, write_study
 from vofem.studies.accuracy.bench import Source, default_point

@@ -84,6 +84,26 @@ def test_locks_that_another_thread_holds_are_open_in_a_child():
         thread.join()
 
 
+def test_a_fork_waits_for_an_import_of_another_thread(tmp_path, monkeypatch):
+    """In the child nobody would end the import, and the next one of the same module would wait for good."""
+    (tmp_path / "slow_to_import.py").write_text("import time\ntime.sleep(0.5)\nvalue = 0\n")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def begin():
+        import slow_to_import  # noqa: F401
+
+    def enter():
+        from slow_to_import import value
+
+        return value
+
+    thread = threading.Thread(target=begin)
+    thread.start()
+    time.sleep(0.1)
+    assert in_child(enter, 10.0) == 0
+    thread.join()
+
+
 def test_a_fork_waits_for_a_compilation_of_another_thread():
     from numba.core.compiler_lock import global_compiler_lock
 

@@ -110,6 +110,23 @@ def test_a_function_that_no_other_process_can_import_is_refused_before_anything_
         vf.sweep(lambda x: {"y": x}, {"x": [1]})
 
 
+@pytest.mark.parametrize(
+    ("begin", "refused"),
+    [("", True), ("if __name__ == '__main__':\n    ", False), ("def main():\n    ", False), ("import logging\n", True)],
+)
+def test_a_script_without_a_guard_is_refused_before_anything_starts(tmp_path, begin, refused):
+    """Each process would import the script and start processes itself; all points failed, with a traceback for each."""
+    script = tmp_path / "script.py"
+    end = "\nif __name__ == '__main__':\n    main()" if "main()" in begin else ""
+    call = "print(vf.sweep(math.sqrt_of, {'x': [1.0, 4.0]}, workers=1, compiled=False)['y'])"
+    (tmp_path / "own.py").write_text("def sqrt_of(x): return {'y': x**0.5}\n")
+    script.write_text(f"import vofem as vf\nimport own as math\n{begin}{call}{end}\n")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, cwd=tmp_path)
+    assert (done.returncode != 0) == refused
+    assert done.stdout.strip() == ("" if refused else "[1. 2.]")
+    assert done.stderr.count("if __name__ == '__main__':") == refused
+
+
 # -- executors ----------------------------------------------------------------------------------------
 
 

@@ -3,6 +3,7 @@ from . import io as io
 from ._version import __version__ as __version__
 from .bodies import Beam as Beam
 from .bodies import Mass as Mass
+from .bodies import Path as Path
 from .effects import Approximated as Approximated
 from .effects import BaseMotion as BaseMotion
 from .effects import BilinearSpring as BilinearSpring
@@ -12,6 +13,7 @@ from .effects import CrushingStop as CrushingStop
 from .effects import Dashpot as Dashpot
 from .effects import DistributedLoad as DistributedLoad
 from .effects import Foundation as Foundation
+from .effects import Friction as Friction
 from .effects import Gravity as Gravity
 from .effects import HystereticSpring as HystereticSpring
 from .effects import IwanSpring as IwanSpring

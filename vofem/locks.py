@@ -2,7 +2,8 @@
 
 Of the threads of a process only the one that forks goes on in the child. A lock that another thread held at that moment
 would stay closed there for good. What such a lock guards here is changed in one step, when it is complete, so that the
-child can begin anew.
+child can begin anew. A module that another thread was importing could not be imported in the child any more, so a fork
+waits for imports.
 """
 
 from __future__ import annotations
@@ -11,8 +12,12 @@ import functools
 import os
 import sys
 import threading
+import time
 import weakref
-from types import TracebackType
+from types import FrameType, TracebackType
+
+#: Time in s for which a fork waits for imports at most.
+_LONGEST = 10.0
 
 _LOCKS: weakref.WeakSet[Lock] = weakref.WeakSet()
 
@@ -49,5 +54,23 @@ def _renew() -> None:
                 vars(part)["lock"] = threading.RLock()
 
 
+def _imports_elsewhere() -> bool:
+    """Return whether another thread is importing a module."""
+    own = threading.get_ident()
+    for thread, frame in sys._current_frames().items():
+        above: FrameType | None = frame
+        while above is not None and thread != own:
+            if above.f_code.co_filename.startswith("<frozen importlib"):
+                return True
+            above = above.f_back
+    return False
+
+
+def _wait_for_imports() -> None:
+    end = time.monotonic() + _LONGEST
+    while _imports_elsewhere() and time.monotonic() < end:
+        time.sleep(0.001)
+
+
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_renew)
+    os.register_at_fork(before=_wait_for_imports, after_in_child=_renew)

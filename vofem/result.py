@@ -19,6 +19,7 @@ from vofem.errors import ArgumentError
 from vofem.histories import (
     ContactHistory,
     Energy,
+    FrictionHistory,
     Motion,
     ProbeHistory,
     Reaction,
@@ -126,6 +127,16 @@ class Result(Shown, Motion):
         effects = self.scene.effects
         histories = [ContactHistory(self, laws, j, units_of(effects, name)) for j, name in enumerate(laws.names)]
         return Named({history.name: history for history in histories})
+
+    @cached_property
+    def frictions(self) -> Named[FrictionHistory]:
+        """Histories of sliders by name; empty if the scene has none."""
+        sliders, effects = self.model.system.sliders, self.scene.effects
+        laws = () if sliders is None else sliders.laws
+        return Named(
+            {law.name: FrictionHistory(self, law, j, units_of(effects, law.name)) for j, law in enumerate(laws)},
+            "slider",
+        )
 
     @cached_property
     def springs(self) -> Named[SpringHistory]:

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.cache import Cache
+from vofem.errors import MethodError
 from vofem.laws import CLOSED as CLOSED
 from vofem.laws import OPEN as OPEN
 from vofem.laws import PINNED as PINNED
-from vofem.laws import ContactLaws, LawGroup
+from vofem.laws import ContactLaws, FrictionLaws, LawGroup
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
@@ -186,6 +187,11 @@ class System:
         return next((group for group in self.laws if isinstance(group, ContactLaws)), None)
 
     @property
+    def sliders(self) -> FrictionLaws | None:
+        """The sliders; None where there are none. Only `event_driven` treats them."""
+        return next((group for group in self.laws if isinstance(group, FrictionLaws)), None)
+
+    @property
     def driven(self) -> Any:
         """The law that the applied load drives, which is alone in its system; None where there is none."""
         return next((group.driven for group in self.laws if group.driven is not None), None)
@@ -208,6 +214,14 @@ class System:
     def without_past(self) -> tuple[str, ...]:
         """Names of laws, such as springpots, with whose past at the end of a run no other run can start."""
         return tuple(name for group in self.laws if not group.past_is_kept for name in group.names)
+
+    @property
+    def travelling(self) -> str | None:
+        """What messages call the first load or law that travels along a beam; None where all stay in their places."""
+        for load in self.loads:
+            if getattr(load.function, "travels", False):
+                return load.name
+        return next((group.travelling for group in self.laws if group.travelling is not None), None)
 
     @property
     def damped(self) -> bool:
@@ -245,6 +259,15 @@ class System:
         for load in self.loads:
             total += load.vector * float(load.function(t))
         return total
+
+
+def refuse_travelling(what: str, system: System) -> None:
+    """Raise `MethodError` where something travels along a beam, which only runs in time take into account."""
+    if system.travelling is not None:
+        raise MethodError(
+            f"{what}: {system.travelling} travels along a beam, which {what} cannot take into account; simulate the "
+            "scene, or give beam.at(x) for a place of interest"
+        )
 
 
 def same_matrix(one: Any, two: Any) -> bool:

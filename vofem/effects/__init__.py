@@ -11,6 +11,7 @@ from vofem.effects.contact import Resolved as Resolved
 from vofem.effects.damping import ModalDamping as ModalDamping
 from vofem.effects.damping import RayleighDamping as RayleighDamping
 from vofem.effects.foundation import Foundation as Foundation
+from vofem.effects.friction import Friction as Friction
 from vofem.effects.hysteretic_spring import CrushingStop as CrushingStop
 from vofem.effects.hysteretic_spring import HystereticSpring as HystereticSpring
 from vofem.effects.jenkins import BilinearSpring as BilinearSpring

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import number, whole
+from vofem.blas import one_thread
 from vofem.cards import Shown
 from vofem.errors import ArgumentError, ConvergenceError, VofemError
 from vofem.fitting.measured import Data, Trial
@@ -315,6 +316,7 @@ def _covariance(solved: _Solved, p: int, known: bool, count: int) -> tuple[Array
     return covariance, sorted(k for k in poor if k < p)
 
 
+@one_thread
 def fit(
     scene: Scene,
     parameters: Sequence[Parameter] | Parameter,

@@ -2,6 +2,7 @@
 
 from vofem.histories.contact import ContactHistory
 from vofem.histories.energy import Energy
+from vofem.histories.friction import FrictionHistory
 from vofem.histories.impacts import ContactStatistics, Impacts
 from vofem.histories.motion import Motion
 from vofem.histories.probe import ProbeHistory
@@ -13,6 +14,7 @@ __all__ = [
     "ContactHistory",
     "ContactStatistics",
     "Energy",
+    "FrictionHistory",
     "Impacts",
     "Motion",
     "ProbeHistory",

@@ -5,6 +5,7 @@ gathers them says which methods can treat them.
 """
 
 from vofem.laws.contact import ContactLaws, initial_status
+from vofem.laws.friction import FrictionLaw, FrictionLaws
 from vofem.laws.group import LawGroup, gathered_past, past_of
 from vofem.laws.hysteretic import HystereticLaw, HystereticLaws
 from vofem.laws.law import CLOSED, OPEN, PINNED, Law, LawSet
@@ -13,7 +14,9 @@ from vofem.laws.smooth import ScalarLaw, SmoothLaw, SmoothLaws
 from vofem.laws.springpot import SpringpotLaw, SpringpotLaws
 
 #: Names of the kinds of laws for messages, in the order of the kinds.
-KINDS = tuple(dict.fromkeys(group.kind for group in (ContactLaws, SmoothLaws, HystereticLaws, SpringpotLaws)))
+KINDS = tuple(
+    dict.fromkeys(group.kind for group in (ContactLaws, SmoothLaws, HystereticLaws, SpringpotLaws, FrictionLaws))
+)
 
 __all__ = [
     "CLOSED",
@@ -21,6 +24,8 @@ __all__ = [
     "OPEN",
     "PINNED",
     "ContactLaws",
+    "FrictionLaw",
+    "FrictionLaws",
     "HystereticLaw",
     "HystereticLaws",
     "Law",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vofem.errors import MethodError
 from vofem.sensitivities.flow import Block, Closed, divided, divided_far, ramped
-from vofem.sensitivities.forcing import Forcing, derivative_waves, waves_of
+from vofem.sensitivities.forcing import Forcing, derivative_waves
 from vofem.sensitivities.forward import Forward
 from vofem.sensitivities.modal import ModalChange
 from vofem.system import OPEN, PINNED
@@ -53,7 +53,7 @@ class Linear:
 
 
 class _Sums:
-    """What the pass leaves for a status: it is contracted with derivatives of the equation of motion."""
+    """What the pass leaves for a status, in its eigenbasis: it is contracted with derivatives of the equation."""
 
     def __init__(self, n: int, status: Any) -> None:
         self.status = status
@@ -103,8 +103,7 @@ class Backward:
         laws, passage, n = modal.laws, forward.passages[index], modal.size
         assert laws is not None
         z, v = forward._split(passage.state)
-        last = index + 1 == forward.segments.starts.size
-        after = forward._status_at_end(passage.numbers[0]) if last else forward.segments.status[index + 1]
+        after = passage.after
         held = np.flatnonzero(after == PINNED)
         if np.any(passage.before[held] != PINNED):
             rows = modal.contacts[held]
@@ -126,22 +125,13 @@ class Backward:
             rate = float(row @ v)
             share = -counted / rate if counted else 0.0
             if after[j] != PINNED:
-                lever = laws.stiffness[j] * (laws.gap[j] - laws.offset[j])
-                force = (lever / rate if lever else 0.0) + laws.damping[j]
+                force = forward.saltation(j, rate)
                 sign = 1.0 if passage.before[j] == OPEN else -1.0
                 push = row if project is None else project @ row
                 share -= sign * force * float(push @ weight[n:])
             before[:n] += share * row / modal.scale
-            self._gradient += share * self._explicit_gap(j, z)
+            self._gradient += share * forward.gap_changes(j, z)
         return before
-
-    def _explicit_gap(self, j: int, z: Array) -> Array:
-        """Return the derivatives of a gap function at a fixed motion, shape (p,)."""
-        found = np.array([-change.change.gap[j] for change in self._forward.changes])
-        for k, change in enumerate(self._forward.changes):
-            if change.contacts is not None:
-                found[k] += change.contacts[j] @ z
-        return found
 
     def _released(self, held: Any, weight: Array, z: Array, v: Array) -> Array:
         """Return the weight of a state before it is held at the gaps of pinned contacts."""
@@ -152,7 +142,7 @@ class Backward:
         share = np.linalg.solve(rows @ rows.T, rows)
         by_gap, by_speed = share @ (weight[:n] * modal.scale), share @ weight[n:]
         for j, one, two in zip(held.tolist(), by_gap, by_speed, strict=True):
-            self._gradient -= one * self._explicit_gap(int(j), z)
+            self._gradient -= one * self._forward.gap_changes(int(j), z)
             for k, change in enumerate(self._forward.changes):
                 if change.contacts is not None:
                     self._gradient[k] -= two * float(change.contacts[j] @ v)
@@ -198,7 +188,7 @@ class Backward:
             growth = np.sum(left * ramped(values[None], exponent, times[:, None]), axis=0)
             pairs += np.outer(level, y0) + np.outer(growth, y1)
             self._forces(index, float(sigma.imag), level @ into, growth @ into)
-        sums.pairs += basis.inverse.T @ pairs @ basis.vectors.T
+        sums.pairs += pairs
         return np.asarray((np.sum(left * e, axis=0) @ basis.inverse).real)
 
     def _forces(self, index: int, omega: float, level: Complex, growth: Complex) -> None:
@@ -208,18 +198,16 @@ class Backward:
         those of the waves exp(i omega tau) and tau exp(i omega tau).
         """
         forward, sums = self._forward, self._of(index)
-        equation = forward.flow(forward.segments.status[index]).equation
-        project = equation.project
+        flow = forward.flow(forward.segments.status[index])
+        project = flow.equation.project
         through = level if project is None else level @ project
         through_growth = growth if project is None else growth @ project
-        whole, _, _ = forward.forces(index)
-        t = float(forward.segments.starts[index])
-        sums.forces += _paired(whole, omega, level, growth)
+        if any(inverse is not None for inverse in flow.inverses):
+            sums.forces += _counted(forward.forces(index)[0], omega, level, growth)
         if omega == 0.0:
             sums.push += through.real
-        loads = forward.modal.system.loads
-        for number, load in enumerate(loads):
-            wave = waves_of(load.function.piece(t))  # type: ignore[attr-defined]
+        loads, t = forward.modal.system.loads, float(forward.segments.starts[index])
+        for number, wave in enumerate(forward.waves(index)):
             self._loads[number] += _counted(wave, omega, through, through_growth)
         for k, change in enumerate(forward.changes):
             for number, path in change.change.functions.items():
@@ -231,16 +219,11 @@ class Backward:
         from scipy.linalg import expm
 
         forward = self._forward
-        segment = piece.segment
-        full = Forward.__new__(Forward)
-        full.__dict__.update(forward.__dict__)
-        full.bare = False
-        _, _, forces = Forward.forces(full, index)
-        p = len(forward.changes)
+        segment, p = piece.segment, len(forward.changes)
         flow = forward.flow(forward.segments.status[index])
         own = Block(
             flow.equation.matrix, flow.matrices,
-            segment._replace(starts=np.zeros((segment.start.size, p)), forces=forces),
+            segment._replace(starts=np.zeros((segment.start.size, p)), forces=forward.force_changes(index)),
         )  # fmt: skip
         rest = own.sample(np.eye(segment.start.size), times)
         self._gradient += np.einsum("tn,ntp->p", weights, rest)
@@ -257,7 +240,9 @@ class Backward:
         """Contract what the pass has left with the derivatives of equations and loads."""
         for sums in self._sums.values():
             flow = self._forward.flow(sums.status)
-            pairs = sums.pairs.real
+            pairs = np.zeros_like(flow.equation.matrix)
+            if flow.basis is not None:
+                pairs = (flow.basis.inverse.T @ sums.pairs @ flow.basis.vectors.T).real
             parts = zip(flow.matrices, flow.inverses, flow.pushes, strict=True)
             for k, (matrix, inverse, push) in enumerate(parts):
                 if matrix is not None:
@@ -271,25 +256,11 @@ class Backward:
                 self._gradient[k] += float(np.sum(change.loads * self._loads))
 
 
-def _paired(whole: Forcing, omega: float, level: Complex, growth: Complex) -> Array:
-    """Return the products of weights and of forces at one frequency, shape (n, n)."""
-    out = np.zeros((level.size, level.size))
-    for w, one, two in zip(whole.omega.tolist(), whole.level, whole.growth, strict=True):
-        if abs(omega) != w:
-            continue
-        half = 1.0 if w == 0.0 else 0.5
-        a, b = (one, two) if omega >= 0.0 else (one.conj(), two.conj())
-        out += half * (np.outer(level, a) + np.outer(growth, b)).real
-    return out
-
-
-def _counted(wave: Any, omega: float, level: Complex, growth: Complex) -> Array:
-    """Return what a vector that goes with a function of time counts for, from the weights of one frequency, (n,)."""
-    out = np.zeros(level.size)
-    for w, one, two in zip(wave.omega.tolist(), wave.level, wave.growth, strict=True):
-        if abs(omega) != w:
-            continue
-        half = 1.0 if w == 0.0 else 0.5
-        a, b = (one, two) if omega >= 0.0 else (one.conjugate(), two.conjugate())
-        out += half * (a * level + b * growth).real
+def _counted(wave: Forcing, omega: float, level: Complex, growth: Complex) -> Array:
+    """Return what a number (n,) or a vector (n, n) that varies in time counts for, from the weights of a frequency."""
+    out = np.zeros((level.size, *wave.level.shape[1:]))
+    for k in np.flatnonzero(wave.omega == abs(omega)):
+        one, two = (wave.level[k], wave.growth[k]) if omega >= 0.0 else (wave.level[k].conj(), wave.growth[k].conj())
+        half = 1.0 if omega == 0.0 else 0.5
+        out += half * (np.multiply.outer(level, one) + np.multiply.outer(growth, two)).real
     return out

@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.blas import one_thread
 from vofem.histories import ContactHistory
-from vofem.sensitivities.flow import Block, Closed
+from vofem.sensitivities.flow import Block, Closed, divided_far, ramped
 from vofem.sensitivities.forcing import Forcing
 from vofem.sensitivities.forward import Forward
 from vofem.system import CLOSED, OPEN, PINNED
@@ -75,14 +76,14 @@ class Law:
 
     def value(self, state: Array, tau: float) -> float:
         """Return the force in N."""
-        waves = 0.0 if self.waves is None else _sum(self.waves, tau)
+        waves = 0.0 if self.waves is None else self.waves.at(tau)
         return float(self.row @ state + self.constant + waves)
 
     def explicit(self, state: Array, tau: float) -> Array:
         """Return the derivatives of the force at a fixed state, shape (p,)."""
         found = self.rows @ state + self.constants
         for k, change in enumerate(self.wave_changes):
-            found[k] += _sum(change, tau)
+            found[k] += change.at(tau)
         return np.asarray(found)
 
 
@@ -120,6 +121,7 @@ class ContactSensitivities:
         return self._events(False)
 
     @cached_property
+    @one_thread
     def force(self) -> Array:
         """Of the contact force at the times of the run in N, shape (n_times, p)."""
         forward = self._forward
@@ -136,6 +138,7 @@ class ContactSensitivities:
         return out
 
     @cached_property
+    @one_thread
     def impacts(self) -> ImpactSensitivities:
         """Of the impacts one by one."""
         forward, found = self._forward, self._history.impacts
@@ -192,7 +195,7 @@ class ContactSensitivities:
         found = peak_of(forward, self._index, time, begin, end)
         law, tau, state = found.law, found.tau, found.state
         flow = forward.flow(forward.segments.status[found.index])
-        _, force, forces = forward.forces(found.index)
+        force, forces = forward.forces(found.index)[1], forward.force_changes(found.index)
         piece, n = forward.closed(found.index), forward.modal.size
         if not found.interior:
             moved = piece.sample(law.row[None], np.array([tau]))[0, 0] + law.explicit(state, tau)
@@ -206,10 +209,10 @@ class ContactSensitivities:
             if change is not None:
                 rates[:, k] += change @ state
             if own is not None:
-                rates[n:, k] += _vector(own, tau)
+                rates[n:, k] += own.at(tau)
         slopes = law.row @ rates + law.rows @ rate
         for k, waves in enumerate(law.wave_changes):
-            slopes[k] += _sum(_rates(waves, tau), tau)
+            slopes[k] += waves.rate().at(tau)
         return law.row @ moved + law.explicit(state, tau), -slopes / found.bend
 
 
@@ -250,14 +253,15 @@ def peak_of(forward: Forward, j: int, time: float, begin: float, end: float) -> 
     index = next((k for k in reversed(chosen) if starts[k] <= time), chosen[0])
     duration = float(forward.segments.durations[index])
     law, piece = Law(forward, index, j), forward.closed(index)
-    _, force, _ = forward.forces(index)
+    force = forward.forces(index)[1]
     matrix, n = forward.flow(forward.segments.status[index]).equation.matrix, forward.modal.size
 
     def slopes(at: float) -> tuple[Array, float, float]:
         state, rate, second = _motion(piece, matrix, force, n, at)
         one, two = float(law.row @ rate), float(law.row @ second)
         if law.waves is not None:
-            one, two = one + _sum(_rates(law.waves, at), at), two + _sum(_rates(_rates(law.waves, at), at), at)
+            growing = law.waves.rate()
+            one, two = one + growing.at(at), two + growing.rate().at(at)
         return state, one, two
 
     tau = guess = min(max(time - float(starts[index]), 0.0), duration)
@@ -300,33 +304,14 @@ def _motion(piece: Closed | Block, matrix: Array, force: Forcing, n: int, tau: f
     """Return the state, its rate and its second derivative at a time after the start of a segment, each (2n,)."""
     state = piece.states(np.array([tau]))[:, 0]
     rate = matrix @ state
-    rate[n:] += _vector(force, tau)
+    rate[n:] += force.at(tau)
     second = matrix @ rate
-    second[n:] += _vector(_rates(force, tau), tau)
+    second[n:] += force.rate().at(tau)
     return state, rate, second
 
 
-def _vector(force: Forcing, tau: float) -> Array:
-    turn = np.exp(1j * force.omega * tau)[:, None]
-    return np.asarray(((force.level + force.growth * tau) * turn).real.sum(axis=0))
-
-
-def _rates(force: Forcing, tau: float) -> Forcing:
-    """Return the rate of a function of time, as a function of time."""
-    turn = 1j * force.omega
-    turn = turn if force.level.ndim == 1 else turn[:, None]
-    return Forcing(force.omega, force.growth + turn * force.level, turn * force.growth)
-
-
-def _sum(force: Forcing, tau: float) -> float:
-    """Return the value of a scalar function of time."""
-    return float(np.sum(((force.level + force.growth * tau) * np.exp(1j * force.omega * tau)).real))
-
-
 def _integral(force: Forcing, duration: float) -> float:
-    """Return the integral of a scalar function of time."""
-    from vofem.sensitivities.flow import divided_far, ramped
-
+    """Return the integral of a number over time."""
     zero = np.zeros(force.omega.size, dtype=np.complex128)
     sigma = np.asarray(1j * force.omega, dtype=np.complex128)
     levels, growths = divided_far(sigma, zero, duration), ramped(zero, sigma, duration)

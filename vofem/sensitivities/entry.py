@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from vofem.blas import one_thread
 from vofem.errors import ArgumentError
 from vofem.result import Result
 from vofem.sensitivities.adjoint import Backward
@@ -17,6 +18,7 @@ from vofem.studies.steady import PeriodicOrbit, SpecialPoint
 from vofem.vibration import Modes
 
 
+@one_thread
 def sensitivities(outcome: Any, parameters: Any, *, along: Parameter | None = None) -> Any:
     """Return the exact derivatives of an outcome by parameters of its scene.
 
@@ -73,6 +75,7 @@ def sensitivities(outcome: Any, parameters: Any, *, along: Parameter | None = No
     )
 
 
+@one_thread
 def gradient(result: Result, objective: Objective, parameters: Any) -> Any:
     """Return the gradient of one number of a run by any number of parameters.
 

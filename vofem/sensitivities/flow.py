@@ -27,6 +27,9 @@ _NEAR = 1.0
 #: not used.
 _OFF = 3e-11
 
+#: Condition number (in the 1-norm) of eigenvectors from which on they count as singular.
+_SINGULAR = 1e13
+
 #: Smallest eigenvalue times the duration with which integrals are computed by division.
 _SLOW = 1e-4
 
@@ -82,9 +85,12 @@ def basis_of(matrix: Array, changes: list[Array | None]) -> Basis | None:
     """Return the eigenbasis of a status; None where it is singular."""
     values, vectors = np.linalg.eig(matrix)
     values, vectors = values.astype(complex), vectors.astype(complex)
-    if not np.linalg.cond(vectors) < 1e12:
+    try:
+        inverse = np.linalg.inv(vectors)
+    except np.linalg.LinAlgError:
         return None
-    inverse = np.linalg.inv(vectors)
+    if not np.linalg.norm(vectors, 1) * np.linalg.norm(inverse, 1) < _SINGULAR:
+        return None
     owners = np.array([k for k, change in enumerate(changes) if change is not None], dtype=np.int64)
     n = matrix.shape[0]
     seen = [inverse @ (change @ vectors) for change in changes if change is not None]

@@ -15,14 +15,14 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
-class Waves(NamedTuple):
-    """A function of time in closed form.
+class Forcing(NamedTuple):
+    """A function of time in closed form, ``Re sum_k (c0 + c1 tau) exp(i w tau)``: a number or a vector.
 
     Attributes
     ----------
     omega : ndarray, shape (k,)
         In rad/s; 0 for a straight line.
-    level, growth : ndarray of complex, shape (k,)
+    level, growth : ndarray of complex, shape (k,) or (k, n)
         Factors c0 and c1 of each wave.
     """
 
@@ -30,16 +30,33 @@ class Waves(NamedTuple):
     level: Complex
     growth: Complex
 
+    def at(self, tau: float) -> Any:
+        """Return the value at a time, a number or shape (n,)."""
+        return (np.exp(1j * self.omega * tau) @ (self.level + self.growth * tau)).real
 
-def waves_of(piece: Piece) -> Waves:
+    def rate(self) -> Forcing:
+        """Return the derivative by time."""
+        turn = 1j * (self.omega if self.level.ndim == 1 else self.omega[:, None])
+        return Forcing(self.omega, self.growth + turn * self.level, turn * self.growth)
+
+    def times(self, matrix: Array) -> Forcing:
+        """Return vectors times a matrix, or along a row."""
+        return Forcing(self.omega, self.level @ matrix, self.growth @ matrix)
+
+    def plus(self, other: Forcing) -> Forcing:
+        """Return the sum with another function of time."""
+        return Forcing(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
+
+
+def waves_of(piece: Piece) -> Forcing:
     """Return a piece of a function of time as waves."""
     omega = [0.0, *(w for w, _ in piece.harmonics)]
     level = [complex(piece.constant), *(a for _, a in piece.harmonics)]
     growth = [complex(piece.slope), *(0j for _ in piece.harmonics)]
-    return Waves(np.array(omega), np.array(level), np.array(growth))
+    return Forcing(np.array(omega), np.array(level), np.array(growth))
 
 
-def derivative_waves(function: Any, path: tuple[str, ...], t: float) -> Waves:
+def derivative_waves(function: Any, path: tuple[str, ...], t: float) -> Forcing:
     """Return the derivative of a function of time by one of its numbers, as it holds from time t in s on."""
     if isinstance(function, Shifted):
         return derivative_waves(function.function, path, function.start + t)
@@ -49,7 +66,7 @@ def derivative_waves(function: Any, path: tuple[str, ...], t: float) -> Waves:
         if path == ("factor",):
             return waves_of(function.function.piece(t))
         inner = derivative_waves(function.function, path[1:], t)
-        return Waves(inner.omega, function.factor * inner.level, function.factor * inner.growth)
+        return Forcing(inner.omega, function.factor * inner.level, function.factor * inner.growth)
     if isinstance(function, Constant):
         return waves_of(Piece(constant=1.0))
     if isinstance(function, Ramp):
@@ -61,24 +78,10 @@ def derivative_waves(function: Any, path: tuple[str, ...], t: float) -> Waves:
     turned = waves_of(changed(function, phase=function.phase + 0.5 * np.pi).piece(t))
     if path == ("phase",):
         return turned
-    return Waves(turned.omega, t * turned.level, turned.level)
+    return Forcing(turned.omega, t * turned.level, turned.level)
 
 
-class Forcing(NamedTuple):
-    """Modal forces ``Re sum_k (c0 + c1 tau) exp(i w tau)``.
-
-    Attributes
-    ----------
-    omega : ndarray, shape (k,)
-    level, growth : ndarray of complex, shape (k, n)
-    """
-
-    omega: Array
-    level: Complex
-    growth: Complex
-
-
-def forcing_of(waves: list[Waves], vectors: list[Array], constant: Array) -> Forcing:
+def forcing_of(waves: list[Forcing], vectors: list[Array], constant: Array) -> Forcing:
     """Return the sum of functions of time times vectors, and of a constant force; equal frequencies are one."""
     known: dict[float, list[Complex]] = {0.0: [constant.astype(complex), np.zeros(constant.size, dtype=complex)]}
     for wave, vector in zip(waves, vectors, strict=True):

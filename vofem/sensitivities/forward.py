@@ -58,14 +58,10 @@ class StatusFlow:
         self.basis: Basis | None = basis_of(self.equation.matrix, [] if bare else self.matrices)
         work.eigensolves += 1
 
-    def force(self, waves: list[Any], vectors: list[Array]) -> Forcing:
-        """Return the forces of loads and contacts as they accelerate the modes."""
-        whole = forcing_of(waves, vectors, self.equation.push)
-        return self._projected(whole)
-
-    def _projected(self, force: Forcing) -> Forcing:
+    def projected(self, force: Forcing) -> Forcing:
+        """Return a force as it accelerates the modes."""
         project = self.equation.project
-        return force if project is None else Forcing(force.omega, force.level @ project, force.growth @ project)
+        return force if project is None else force.times(project)
 
     def force_change(self, k: int, waves: list[Any], vectors: list[Array], whole: Forcing) -> Forcing | None:
         """Return the derivative of `force` by a parameter, None where there is none.
@@ -81,15 +77,9 @@ class StatusFlow:
         """
         if not waves and not np.any(self.pushes[k]) and self.inverses[k] is None:
             return None
-        own = self._projected(forcing_of(waves, vectors, self.pushes[k]))
+        own = self.projected(forcing_of(waves, vectors, self.pushes[k]))
         inverse = self.inverses[k]
-        if inverse is None:
-            return own
-        return Forcing(
-            np.concatenate([own.omega, whole.omega]),
-            np.concatenate([own.level, whole.level @ inverse.T]),
-            np.concatenate([own.growth, whole.growth @ inverse.T]),
-        )
+        return own if inverse is None else own.plus(whole.times(inverse.T))
 
 
 @dataclass
@@ -120,8 +110,8 @@ class Passage:
     ----------
     numbers : range
         The events in the log.
-    before : ndarray of int, shape (n_contacts,)
-        Status before.
+    before, after : ndarray of int, shape (n_contacts,)
+        Status before and after.
     state : ndarray, shape (2n,)
         Scaled state before.
     ends : ndarray, shape (2n, p)
@@ -130,6 +120,7 @@ class Passage:
 
     numbers: range
     before: Status
+    after: Status
     state: Array
     ends: Array
 
@@ -162,12 +153,10 @@ class Forward:
         self._flows: dict[bytes, StatusFlow] = {}
         self.event_times = np.full((self.events.time.size, len(self.changes)), np.nan)
         self._starts: list[Array] = []
+        self._forces: dict[int, tuple[Forcing, Forcing]] = {}
+        self._pieces: dict[int, Closed | Block] = {}
         self.passages: dict[int, Passage] = {}
-        self.final = np.empty(0)
-        if self.bare:
-            self._follow()
-        else:
-            self._propagate()
+        self.final = self._propagate()
 
     # -- pieces of the run ------------------------------------------------------------------------
 
@@ -182,30 +171,43 @@ class Forward:
         """Return scaled displacements and velocities at the begin of a segment, shape (2n,)."""
         return np.concatenate([self.modal.scale * self.segments.displacement[index], self.segments.velocity[index]])
 
-    def forces(self, index: int) -> tuple[Forcing, Forcing, list[Forcing | None]]:
-        """Return the force in a segment before and after projection, and its derivatives."""
-        modal, t = self.modal, float(self.segments.starts[index])
-        flow = self.flow(self.segments.status[index])
-        loads = modal.system.loads
-        waves = [waves_of(load.function.piece(t)) for load in loads]  # type: ignore[attr-defined]
-        vectors = list(modal.loads)
-        whole = forcing_of(waves, vectors, flow.equation.push)
-        changes: list[Forcing | None] = []
-        for k, change in enumerate([] if self.bare else self.changes):
-            parts: list[Any] = []
-            along: list[Array] = []
-            if change.loads is not None:
-                parts, along = list(waves), list(change.loads)
-            for load, path in change.change.functions.items():
-                parts.append(derivative_waves(loads[load].function, path, t))
-                along.append(vectors[load])
-            changes.append(flow.force_change(k, parts, along, whole))
-        return whole, flow._projected(whole), changes
+    def waves(self, index: int) -> list[Forcing]:
+        """Return the functions of time of the loads in a segment."""
+        t = float(self.segments.starts[index])
+        return [waves_of(load.function.piece(t)) for load in self.modal.system.loads]  # type: ignore[attr-defined]
+
+    def forces(self, index: int) -> tuple[Forcing, Forcing]:
+        """Return the force in a segment before and after projection."""
+        if index not in self._forces:
+            flow = self.flow(self.segments.status[index])
+            whole = forcing_of(self.waves(index), list(self.modal.loads), flow.equation.push)
+            self._forces[index] = whole, flow.projected(whole)
+        return self._forces[index]
+
+    def load_changes(self, index: int, k: int) -> tuple[list[Forcing], list[Array]]:
+        """Return functions of time and vectors (n,) whose sum is the derivative of the loads by a parameter."""
+        change, loads, t = self.changes[k], self.modal.system.loads, float(self.segments.starts[index])
+        parts = [] if change.loads is None else self.waves(index)
+        along = [] if change.loads is None else list(change.loads)
+        for load, path in change.change.functions.items():
+            parts.append(derivative_waves(loads[load].function, path, t))
+            along.append(self.modal.loads[load])
+        return parts, along
+
+    def force_changes(self, index: int) -> list[Forcing | None]:
+        """Return the derivatives of the force in a segment after projection."""
+        flow, whole = self.flow(self.segments.status[index]), self.forces(index)[0]
+        return [flow.force_change(k, *self.load_changes(index, k), whole) for k in range(len(self.changes))]
 
     def closed(self, index: int) -> Closed | Block:
         """Return a segment, ready to be sampled."""
+        if index not in self._pieces:
+            self._pieces[index] = self._piece(index)
+        return self._pieces[index]
+
+    def _piece(self, index: int) -> Closed | Block:
         flow = self.flow(self.segments.status[index])
-        _, force, forces = self.forces(index)
+        force, forces = self.forces(index)[1], [] if self.bare else self.force_changes(index)
         last = index + 1 == self.segments.starts.size
         start = self.state(index)
         duration = float(self.segments.durations[index])
@@ -238,46 +240,33 @@ class Forward:
 
     # -- through segments and events --------------------------------------------------------------
 
-    def _propagate(self) -> None:
-        """Fill in the derivatives at the begin of all segments, and those of the times of events."""
-        scale, segments = self.modal.scale[:, None], self.segments
-        z = np.column_stack([change.displacement for change in self.changes])
-        v = np.column_stack([change.velocity for change in self.changes])
-        z, v = self._held(np.flatnonzero(segments.status[0] == PINNED), z, v, *self._split(self.state(0)))
+    def _propagate(self) -> Array:
+        """Fill in the derivatives at the begin of all segments and at events; return those at the end, (2n, p)."""
+        n, scale, segments = self.modal.size, self.modal.scale[:, None], self.segments
+        changes = [] if self.bare else self.changes
+        z = np.array([change.displacement for change in changes]).reshape(-1, n).T
+        v = np.array([change.velocity for change in changes]).reshape(-1, n).T
+        if not self.bare:
+            z, v = self._held(np.flatnonzero(segments.status[0] == PINNED), z, v, *self._split(self.state(0)))
         event = 0
         for index in range(segments.starts.size):
             self._starts.append(np.concatenate([scale * z, v]))
             piece = self.closed(index)
-            ends = piece.ends()
-            n = self.modal.size
+            ends = self._starts[-1] if self.bare else piece.ends()
             z, v = ends[:n] / scale, ends[n:]
             last = index + 1 == segments.starts.size
             before = segments.status[index]
             after = self._status_at_end(event) if last else segments.status[index + 1]
-            changed = np.flatnonzero(before != after)
-            if not changed.size and not (last and event < self.events.time.size):
+            count = self.events.time.size - event if last else int(np.count_nonzero(before != after))
+            if not count:
                 continue
             state = piece.states(np.array([segments.durations[index]]))[:, 0]
-            count = self.events.time.size - event if last else changed.size
             numbers = range(event, event + count)
-            self.passages[index] = Passage(numbers, before, state, ends)
-            z, v = self._pass(index, before, after, numbers, state, z, v)
+            self.passages[index] = Passage(numbers, before, after, state, ends)
+            if not self.bare:
+                z, v = self._pass(index, before, after, numbers, state, z, v)
             event += count
-        self.final = np.concatenate([scale * z, v])
-
-    def _follow(self) -> None:
-        """Note the states at which events are passed, without derivatives."""
-        event, none = 0, np.zeros((2 * self.modal.size, 0))
-        for index in range(self.segments.starts.size):
-            self._starts.append(none)
-            last = index + 1 == self.segments.starts.size
-            before = self.segments.status[index]
-            after = self._status_at_end(event) if last else self.segments.status[index + 1]
-            count = self.events.time.size - event if last else int(np.count_nonzero(before != after))
-            if count:
-                state = self.closed(index).states(np.array([self.segments.durations[index]]))[:, 0]
-                self.passages[index] = Passage(range(event, event + count), before, state, none)
-                event += count
+        return np.concatenate([scale * z, v])
 
     def _status_at_end(self, event: int) -> Status:
         """Return the status after the events that happen at the very end of the run."""
@@ -321,9 +310,7 @@ class Forward:
             rate = float(row @ velocity)
             with np.errstate(divide="ignore", invalid="ignore"):
                 self.event_times[number] = -meets / rate
-            lever = laws.stiffness[j] * (laws.gap[j] - laws.offset[j])
-            with np.errstate(divide="ignore", invalid="ignore"):
-                force = (lever / rate if lever else 0.0) + laws.damping[j]
+            force = self.saltation(j, rate)
             size = float(np.sqrt(row @ row))
             self.crossings.append(Crossing(float(self.events.time[number]), j, rate, abs(force) * size**2))
             if after[j] == PINNED:
@@ -341,14 +328,25 @@ class Forward:
             z, v = self._held(held, z, v, displacement, stopped)
         return z, v
 
-    def _meets(self, j: int, displacement: Array, z: Array) -> Array:
-        """Return the derivative of a gap function at a fixed time, shape (p,)."""
-        meets = self.modal.contacts[j] @ z
+    def saltation(self, j: int, rate: float) -> float:
+        """Return the jump of a contact's force over the rate of its gap function, N s/m."""
+        laws = self.modal.laws
+        assert laws is not None
+        lever = laws.stiffness[j] * (laws.gap[j] - laws.offset[j])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return float((lever / np.float64(rate) if lever else 0.0) + laws.damping[j])
+
+    def gap_changes(self, j: int, displacement: Array) -> Array:
+        """Return the derivatives of a gap function at fixed modal displacements, shape (p,)."""
+        found = np.array([-change.change.gap[j] for change in self.changes])
         for k, change in enumerate(self.changes):
             if change.contacts is not None:
-                meets[k] += change.contacts[j] @ displacement
-            meets[k] -= change.change.gap[j]
-        return np.asarray(meets)
+                found[k] += change.contacts[j] @ displacement
+        return found
+
+    def _meets(self, j: int, displacement: Array, z: Array) -> Array:
+        """Return the derivative of a gap function at a fixed time, shape (p,)."""
+        return np.asarray(self.modal.contacts[j] @ z + self.gap_changes(j, displacement))
 
     def _held(self, held: Status, z: Array, v: Array, displacement: Array, velocity: Array) -> tuple[Array, Array]:
         """Return derivatives that keep pinned contacts at their gaps."""
@@ -372,16 +370,14 @@ class Forward:
         value_p = rows[0] @ np.concatenate([scale * z, v])
         for k in range(len(self.changes)):
             row_p, constant_p = self.reaction_changes(index, j, k)
-            value_p[k] += row_p @ state + float(np.sum(_wave(constant_p, tau)))
+            value_p[k] += row_p @ state + constant_p.at(tau)
             if after == CLOSED:
                 gap_p, k_p = self.changes[k].change.gap[j], self.changes[k].change.contact_stiffness[j]
                 value_p[k] -= laws.stiffness[j] * gap_p + k_p * laws.gap[j]
         flow = self.flow(self.segments.status[index])
-        _, force, _ = self.forces(index)
-        n = self.modal.size
         slope = flow.equation.matrix @ state
-        slope[n:] += sum(_wave_rows(force, tau))
-        rate = float(rows[0] @ slope + np.sum(_wave_rate(constants, tau)))
+        slope[self.modal.size :] += self.forces(index)[1].at(tau)
+        rate = float(rows[0] @ slope + constants.rate().at(tau))
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(-value_p / rate)
 
@@ -390,11 +386,9 @@ class Forward:
     def reaction_rows(self, index: int, j: int) -> tuple[Array, Forcing]:
         """Return the row (1, 2n) over the state, and the function of time, whose sum is a pinned contact's reaction."""
         flow = self.flow(self.segments.status[index])
-        whole, _, _ = self.forces(index)
         place = int(np.flatnonzero(flow.equation.pinned == j)[0])
         rows, share = flow.equation.reaction()
-        along = share[place]
-        return rows[[place]], Forcing(whole.omega, whole.level @ along, whole.growth @ along)
+        return rows[[place]], self.forces(index)[0].times(share[place])
 
     def reaction_changes(self, index: int, j: int, k: int) -> tuple[Array, Forcing]:
         """Return the derivatives of `reaction_rows` by a parameter: (2n,), and a function of time."""
@@ -404,23 +398,8 @@ class Forward:
         lower = self.lower(equation, change)
         rows_p, share_p = equation.reaction_changes(change, lower)
         _, share = equation.reaction()
-        whole, _, _ = self.forces(index)
-        t = float(self.segments.starts[index])
-        loads = self.modal.system.loads
-        waves: list[Any] = []
-        along: list[Array] = []
-        if change.loads is not None:
-            waves = [waves_of(load.function.piece(t)) for load in loads]  # type: ignore[attr-defined]
-            along = list(change.loads)
-        for load, path in change.change.functions.items():
-            waves.append(derivative_waves(loads[load].function, path, t))
-            along.append(self.modal.loads[load])
-        own = forcing_of(waves, along, flow.pushes[k])
-        return rows_p[place], Forcing(
-            np.concatenate([own.omega, whole.omega]),
-            np.concatenate([own.level @ share[place], whole.level @ share_p[place]]),
-            np.concatenate([own.growth @ share[place], whole.growth @ share_p[place]]),
-        )
+        own = forcing_of(*self.load_changes(index, k), flow.pushes[k]).times(share[place])
+        return rows_p[place], own.plus(self.forces(index)[0].times(share_p[place]))
 
     def lower(self, equation: StatusEquation, change: ModalChange) -> Array:
         """Return the derivative of forces over the state, before projection, shape (n, 2n)."""
@@ -452,8 +431,8 @@ class Forward:
         for index, mine, tau in self.visit(times):
             equation = self.flow(self.segments.status[index]).equation
             states = self.closed(index).states(tau)
-            _, force, _ = self.forces(index)
-            push = np.stack([_wave_rows(force, t).sum(axis=0) for t in tau.tolist()], axis=1)
+            force = self.forces(index)[1]
+            push = np.stack([force.at(t) for t in tau.tolist()], axis=1)
             out[0][:, mine], out[1][:, mine] = states[:n] / scale, states[n:]
             out[2][:, mine] = equation.matrix[n:] @ states + push
         return out[0], out[1], out[2]
@@ -465,13 +444,13 @@ class Forward:
         for index, mine, tau in self.visit(times):
             flow, piece = self.flow(self.segments.status[index]), self.closed(index)
             states = piece.states(tau)
-            _, _, forces = self.forces(index)
+            forces = self.force_changes(index)
             found = np.einsum("nm,mtp->ntp", flow.equation.matrix[n:], piece.sample(np.eye(2 * n), tau))
             for k, (change, own) in enumerate(zip(flow.matrices, forces, strict=True)):
                 if change is not None:
                     found[:, :, k] += change[n:] @ states
                 if own is not None:
-                    found[:, :, k] += np.stack([_wave_rows(own, t).sum(axis=0) for t in tau.tolist()], axis=1)
+                    found[:, :, k] += np.stack([own.at(t) for t in tau.tolist()], axis=1)
             out[:, mine] = found
         return out
 
@@ -482,20 +461,3 @@ class Forward:
         for index, mine, tau in self.visit(times):
             out[:, mine] = self.closed(index).sample(scaled, tau)
         return out
-
-
-def _wave(force: Forcing, tau: float) -> Array:
-    """Return the values of a scalar function of time, one for each wave."""
-    return np.asarray(((force.level + force.growth * tau) * np.exp(1j * force.omega * tau)).real)
-
-
-def _wave_rate(force: Forcing, tau: float) -> Array:
-    """Return the rates of a scalar function of time, one for each wave."""
-    turning = force.growth + 1j * force.omega * (force.level + force.growth * tau)
-    return np.asarray((turning * np.exp(1j * force.omega * tau)).real)
-
-
-def _wave_rows(force: Forcing, tau: float) -> Array:
-    """Return the values of vectors of functions of time, shape (k, n)."""
-    turn = np.exp(1j * force.omega * tau)[:, None]
-    return np.asarray(((force.level + force.growth * tau) * turn).real)

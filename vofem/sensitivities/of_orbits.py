@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem.blas import one_thread
 from vofem.errors import ArgumentError, MethodError
 from vofem.lookup import rows_over
 from vofem.scene import Scene
@@ -16,7 +17,7 @@ from vofem.sensitivities.forward import Forward, Work
 from vofem.sensitivities.modal import ModalChange, modal_change, modal_system
 from vofem.sensitivities.of_statics import OfParameters
 from vofem.sensitivities.parameter import Parameter, parameters_of
-from vofem.sensitivities.system_change import SystemChange, system_change, unchanged
+from vofem.sensitivities.system_change import SystemChange, system_changes, unchanged
 from vofem.studies.steady import PeriodicOrbit, SpecialPoint
 from vofem.system import CLOSED, OPEN, PINNED
 from vofem.time_functions import Sine, as_time_function
@@ -61,7 +62,7 @@ class OrbitSensitivities(OfParameters):
                 "modes"
             )
         full = result.model.system
-        changes = [system_change(scene, parameter) for parameter in self.parameters]
+        changes = system_changes(scene, self.parameters)
         self._changes: list[SystemChange] = []
         for parameter, change in zip(self.parameters, changes, strict=True):
             if parameter.field.startswith("initial."):
@@ -72,11 +73,11 @@ class OrbitSensitivities(OfParameters):
         modal = modal_system(result.solution)
         self._modal = modal
         n = modal.size
-        columns = [modal_change(modal, full, change) for change in self._changes]
+        columns, same = [modal_change(modal, full, change) for change in self._changes], unchanged(scene)
         for k in range(2 * n):
             unit = np.zeros((2, n))
             unit[k // n, k % n] = 1.0 / modal.scale[k] if k < n else 1.0
-            columns.append(ModalChange(None, None, None, None, None, unit[0], unit[1], unchanged(full)))
+            columns.append(ModalChange(None, None, None, None, None, unit[0], unit[1], same))
         self.work = Work(assemblies=sum(change.assemblies for change in self._changes))
         self._forward = Forward(result.solution, modal, columns, self.work)
         p = len(self.parameters)
@@ -130,6 +131,7 @@ class OrbitSensitivities(OfParameters):
                 out[:, k] += (np.asarray(moved @ self._modal.shapes) @ forward.motion(times)[kind])[0]
         return np.asarray(out)
 
+    @one_thread
     def extremes(self, point: Any) -> Array:
         """Return the derivatives of the least and of the largest displacement of a point, shape (2, p)."""
         result = self.orbit.result
@@ -154,6 +156,7 @@ class OrbitSensitivities(OfParameters):
     # -- stability --------------------------------------------------------------------------------
 
     @cached_property
+    @one_thread
     def multipliers(self) -> Complex:
         """Of the Floquet multipliers, in the order of `PeriodicOrbit.multipliers`, shape (m, p); NaN for equal ones."""
         changes = self._monodromy_changes()
@@ -209,11 +212,8 @@ class OrbitSensitivities(OfParameters):
         velocity = passage.state[n:]
         ends = self._total(passage.ends)
         equation = forward.flow(passage.before).equation
-        _, force, _ = forward.forces(index)
         tau = float(forward.segments.durations[index])
-        turn = np.exp(1j * force.omega * tau)[:, None]
-        acceleration = equation.matrix[n:] @ passage.state
-        acceleration = acceleration + ((force.level + force.growth * tau) * turn).real.sum(axis=0)
+        acceleration = equation.matrix[n:] @ passage.state + forward.forces(index)[1].at(tau)
         whole, parts = np.eye(2 * n), [np.zeros((2 * n, 2 * n)) for _ in range(p)]
         for number in passage.numbers:
             j = int(forward.events.contact[number])
@@ -221,7 +221,7 @@ class OrbitSensitivities(OfParameters):
             row = modal.contacts[j]
             rate = float(row @ velocity)
             lever = laws.stiffness[j] * (laws.gap[j] - laws.offset[j])
-            gain = (lever / rate if lever else 0.0) + laws.damping[j]
+            gain = forward.saltation(j, rate)
             whole[n:, :n] -= sign * gain * np.outer(row, row / modal.scale)
             for k in range(p):
                 change = forward.changes[k]
@@ -266,11 +266,8 @@ class OrbitSensitivities(OfParameters):
         t = min(found, key=lambda s: abs(gap(s)))
         state = np.concatenate([row, np.zeros_like(row)])[None]
         moved = self._total(self._forward.sample(state, np.array([t]))[0])[0]
-        for k, change in enumerate(self._forward.changes[: len(self.parameters)]):
-            moved[k] -= change.change.gap[j]
-            if change.contacts is not None:
-                moved[k] += float(change.contacts[j] @ self._forward.motion(np.array([t]))[0][:, 0])
-        return np.asarray(moved)
+        displacement = self._forward.motion(np.array([t]))[0][:, 0]
+        return np.asarray(moved + self._forward.gap_changes(j, displacement)[: len(self.parameters)])
 
 
 class SpecialSensitivities(OfParameters):

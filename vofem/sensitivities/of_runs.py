@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import Named, array
+from vofem.blas import one_thread
 from vofem.errors import ArgumentError, MethodError
 from vofem.integrators.registry import advice
 from vofem.lookup import rows_over
@@ -20,7 +21,8 @@ from vofem.sensitivities.forward import Forward, Work
 from vofem.sensitivities.modal import check_modal_damping, modal_change, modal_system
 from vofem.sensitivities.notes import notes_of
 from vofem.sensitivities.parameter import Parameter, parameters_of
-from vofem.sensitivities.system_change import SystemChange, system_change
+from vofem.sensitivities.system_change import SystemChange, system_changes
+from vofem.system import refuse_travelling
 
 Array = NDArray[np.float64]
 
@@ -107,6 +109,7 @@ class RunSensitivities:
         """Return the derivatives of the acceleration of a point, shape (n_times, p) or (len(t), p)."""
         return self._along(point, t, 2)
 
+    @one_thread
     def _along(self, point: Any, t: ArrayLike | None, kind: int) -> Array:
         times = self._times(t)
         scene, model, modal = self.result.scene, self.result.model, self._modal
@@ -145,6 +148,7 @@ class RunSensitivities:
         return Named(found)
 
     @cached_property
+    @one_thread
     def energy(self) -> EnergySensitivities:
         """Derivatives of energies at `times`."""
         return EnergySensitivities(dissipated(self._forward, self.times))
@@ -190,7 +194,7 @@ def bare_run(what: str, result: Any, parameters: Any) -> Forward:
 
 def _changes(result: Result, parameters: tuple[Parameter, ...]) -> list[SystemChange]:
     """Return the derivatives of the system of a run."""
-    found = [system_change(result.scene, parameter) for parameter in parameters]
+    found = system_changes(result.scene, parameters)
     if result.start is not None:
         found = [_from_state(change, parameter) for change, parameter in zip(found, parameters, strict=True)]
     check_modal_damping(result.model.system, [parameter.name for parameter in parameters], found)
@@ -206,9 +210,13 @@ def _check(what: str, result: Any) -> None:
             f"{what}: the run used {result.method}, whose steps have no exact derivatives; simulate with "
             f"{advice(exact=True)}"
         )
+    refuse_travelling(what, result.model.system)
     contacts = result.model.system.contacts
     if contacts is not None and contacts.moving is not None:
         raise MethodError(f"{what}: {contacts.moving_refusal('an exact derivative')}")
+    sliders = result.model.system.sliders
+    if sliders is not None:
+        raise MethodError(sliders.refusal(what))
     reason = None if contacts is None else contacts.rigid_refusal(what)
     if reason is not None:
         raise MethodError(reason)

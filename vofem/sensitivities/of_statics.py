@@ -14,7 +14,7 @@ from vofem.lookup import rows_over
 from vofem.scene import Scene
 from vofem.sensitivities.forcing import derivative_waves
 from vofem.sensitivities.parameter import Parameter, parameters_of
-from vofem.sensitivities.system_change import SystemChange, system_change
+from vofem.sensitivities.system_change import SystemChange, system_changes
 from vofem.statics import Equilibrium
 from vofem.vibration import Modes, contact_indices
 
@@ -86,9 +86,7 @@ class EquilibriumSensitivities(OfParameters):
                 "linear springs have derivatives"
             )
         self._q = q
-        self._changes: list[SystemChange] = (
-            [system_change(scene, one) for one in self.parameters] if like is None else like._changes
-        )
+        self._changes: list[SystemChange] = system_changes(scene, self.parameters) if like is None else like._changes
         laws = system.contacts
         names = () if laws is None else laws.names
         closed = [j for j, name in enumerate(names) if outcome.contacts[name].closed]
@@ -176,8 +174,7 @@ class ModesSensitivities(OfParameters):
         squares, shapes = outcome.omega**2, outcome.free_shapes
         self.omega = np.zeros((squares.size, len(self.parameters)))
         edges = np.flatnonzero(np.diff(squares) > _SAME * squares[1:]) + 1
-        for k, parameter in enumerate(self.parameters):
-            change = system_change(scene, parameter)
+        for k, change in enumerate(system_changes(scene, self.parameters)):
             for group in np.split(np.arange(squares.size), edges):
                 basis, square = shapes[:, group], float(squares[group[0]])
                 small = np.zeros((group.size, group.size))

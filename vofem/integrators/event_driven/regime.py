@@ -10,7 +10,7 @@ The columns of B belong to the values of the loads and, after them, to their rat
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -26,6 +26,7 @@ from vofem.system import CLOSED, OPEN, PINNED, ContactLaws
 
 if TYPE_CHECKING:
     from vofem.integrators.event_driven.modal_space import ModalSpace
+    from vofem.integrators.event_driven.sliders import Pushes, Sliders, SlidingPiece
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -245,8 +246,10 @@ class Regime:
         Longest time in s for which a motion is computed.
     stops : MovingStops, optional
         Contacts that the motion of bases moves; None where there are none.
-    bent : bool
-        Whether loads are polynomials of a degree above 1.
+    bend : ndarray of int, shape (e,)
+        See `Exosystem`.
+    sliding : SlidingPiece, optional
+        Sliders; None where there are none.
     """
 
     spectrum: Spectrum
@@ -265,8 +268,9 @@ class Regime:
     vectors: Array
     function: Integers
     horizon: float
-    stops: MovingStops | None = None
-    bent: bool = False
+    stops: MovingStops | None
+    bend: Integers
+    sliding: SlidingPiece | None = None
 
     @property
     def loads(self) -> int:
@@ -281,16 +285,19 @@ class Regime:
     @cached_property
     def load_rows(self) -> Array:
         """The power of the loads as rows over the structure's blocks, by their values and rates, shape (2e, 2m)."""
-        spectrum, loads = self.spectrum, self.loads
-        function, m = self.function, spectrum.p.size
-        rows = np.zeros((2 * loads, 2 * m))
+        loads, function = self.loads, self.function
+        rows = np.zeros((2 * loads, 2 * self.spectrum.p.size))
         mine = np.flatnonzero(function >= 0)
-        local = np.asarray(spectrum.real.down(self.vectors[function[mine]].T)).T
-        if spectrum.blocks is None:
-            rows[mine, m:] = local
-        else:
-            rows[mine] = local @ spectrum.blocks.out[m:]
+        rows[mine] = self.velocities(self.vectors[function[mine]])
         return rows
+
+    def velocities(self, rows: Array) -> Array:
+        """Return modal rows (k, n) that take velocities as rows over the structure's blocks, shape (k, 2m)."""
+        spectrum, m = self.spectrum, self.spectrum.p.size
+        local = np.asarray(spectrum.real.down(rows.T)).T
+        if spectrum.blocks is None:
+            return np.concatenate([np.zeros((len(local), m)), local], axis=1)
+        return np.asarray(local @ spectrum.blocks.out[m:])
 
     @cached_property
     def power(self) -> Array:
@@ -310,6 +317,9 @@ class Regime:
 
     def begin(self, displacement: Array, velocity: Array, w: Array) -> Array:
         """Return the states of all blocks, shape (k, 2, M), of modal states (k, n) under loads (k, 2, e)."""
+        if self.sliding is not None:
+            carried = self.sliding.pushes.carried.T
+            displacement, velocity = displacement - w[:, 0] @ carried, velocity - w[:, 1] @ carried
         y = np.concatenate(self.spectrum.to_blocks(displacement.T, velocity.T)).T
         y = y - flat(w) @ self.answers.steady.T
         return np.concatenate([w, y.reshape(len(y), 2, self.spectrum.p.size)], axis=2)
@@ -319,6 +329,9 @@ class Regime:
         e, m = self.loads, self.spectrum.p.size
         y = flat(states[:, :, e:]) + flat(states[:, :, :e]) @ self.answers.steady.T
         x, rate = self.spectrum.to_modes(y[:, :m].T, y[:, m:].T, shifted=shifted)
+        if self.sliding is not None:
+            carried = self.sliding.pushes.carried
+            return (x + carried @ states[:, 0, :e].T).T, (rate + carried @ states[:, 1, :e].T).T
         return x.T, rate.T
 
     def over_blocks(self, rows: Array) -> Array:
@@ -408,7 +421,7 @@ def start_motion(regime: Regime, displacement: Array, velocity: Array, w: Array)
 
 def regime_of(
     spectrum: Spectrum, space: ModalSpace, laws: ContactLaws | None, status: Integers, row_sizes: Array,
-    vectors: Array, load: tuple[Integers, Array, Integers], horizon: float,
+    vectors: Array, load: tuple[Integers, Array, Integers], horizon: float, sliders: Sliders | None = None,
 ) -> Regime:  # fmt: skip
     """Return a contact status under loads.
 
@@ -422,6 +435,8 @@ def regime_of(
         Functions and frequencies of the loads, and what bends them, see `Exosystem`.
     horizon : float
         Longest time in s for which a motion is computed.
+    sliders : Sliders, optional
+        Those that are the last rows of `space.contacts`.
     """
     function, omega, bend = load
     m, e, n = spectrum.p.size, omega.size, space.size
@@ -434,6 +449,11 @@ def regime_of(
     if stops is not None:
         sources -= stops.rows.T @ (stops.stiffness[:, None] * stops.drift)
         rates = -stops.rows.T @ (stops.damping[:, None] * stops.drift)
+    pushes = None
+    if sliders is not None:
+        assert laws is not None
+        pushes = sliders.pushes(space, laws, status, spectrum, function, omega, bend)
+        sources, rates = sources + pushes.sources, pushes.rates
     found = answers(spectrum, sources, omega, horizon, bend, rates)
     driven = found.drive.reshape(2, m, 2, e)
     members = np.zeros(m, dtype=bool) if spectrum.plain is None else spectrum.plain == 0.0
@@ -441,7 +461,7 @@ def regime_of(
     gain = np.ascontiguousarray(driven[:, pair[:, 0], :, pair[:, 1]].reshape(len(pair), 4))
     bent = np.flatnonzero(bend >= 0)
     pairs = np.concatenate([
-        np.column_stack([bent, bend[bent], np.full(bent.size, -1)]),
+        np.column_stack([bent, bend[bent], np.full(bent.size, -2)]),
         np.column_stack([e + pair[:, 0], pair[:, 1], bend[pair[:, 1]]]),
     ])  # fmt: skip
     gain = np.concatenate([np.tile([0.0, 0.0, 1.0, 0.0], (bent.size, 1)), gain])
@@ -456,6 +476,10 @@ def regime_of(
     coordinates = _over_all(w, u, found.steady)
     if stops is not None:
         coordinates[:, 0, :e] += stops.drift
+    if pushes is not None:
+        assert sliders is not None
+        coordinates[:, 0, :e] += space.contacts @ pushes.carried
+        coordinates[sliders.first :, 0, :e] -= pushes.anchors
     sizes = np.abs(coordinates)
     sizes[:, 0, e:], sizes[:, 1, e:] = w_size, u_size
     plain = np.flatnonzero(status != PINNED) if laws is not None else none
@@ -471,6 +495,10 @@ def regime_of(
         w, u = spectrum.functions(force.displacement, force.velocity)
         own = _over_all(w, u, found.steady)
         own[:, 0, :e] += force.loads
+        if pushes is not None:
+            held_rows = space.contacts[held]
+            own[:, 0, :e] += pushes.reaction
+            own[:, 1, :e] += np.linalg.solve(held_rows @ held_rows.T, held_rows @ pushes.rates)
         own_sizes = np.abs(own)
         own_sizes[:, 0, e:], own_sizes[:, 1, e:] = spectrum.sizes(np.abs(force.displacement), np.abs(force.velocity))
         # The reaction of a rigid stop has no upper limit.
@@ -483,13 +511,63 @@ def regime_of(
         level = np.concatenate([level, np.zeros(held.size), jump])
         force = force._replace(row=flat(own))
     whole = np.concatenate(rows)
-    return Regime(
+    regime = Regime(
         spectrum, found, blocks, e + spectrum.levels, bool(np.any(whole[:, 1, e:])), whole,
         np.concatenate(all_sizes), np.concatenate([sign, np.zeros(held.size + yields.size)]), np.abs(level),
         np.concatenate([plain, held, yields]),
         np.concatenate([np.where(sign < 0.0, OPEN, CLOSED), np.full(held.size, OPEN), np.full(yields.size, CLOSED)]),
-        flat(coordinates), force, vectors, function, horizon, stops, bool(bent.size),
+        flat(coordinates), force, vectors, function, horizon, stops, bend,
     )  # fmt: skip
+    if sliders is None or pushes is None or laws is None:
+        return regime
+    return _with_sliders(regime, sliders, pushes, space, laws, status, coordinates, sizes)
+
+
+def _with_sliders(
+    regime: Regime, sliders: Sliders, pushes: Pushes, space: ModalSpace, laws: ContactLaws, status: Integers,
+    coordinates: Array, sizes: Array,
+) -> Regime:  # fmt: skip
+    """Return a linear piece in which sliders have the event functions of their statuses."""
+    from vofem.integrators.event_driven.sliders import SlidingPiece
+
+    spectrum, e, first = regime.spectrum, regime.loads, sliders.first
+    rows = space.contacts[first:]
+    modal = rows if spectrum.real.modes is None else rows @ spectrum.real.modes
+    bounds = np.abs(rows) if spectrum.real.modes is None else np.abs(rows) @ np.abs(spectrum.real.modes)
+    w, u = spectrum.functions(np.zeros_like(modal), modal)
+    speeds = _over_all(w, u, regime.answers.steady)
+    speeds[:, 1, :e] += rows @ pushes.carried - pushes.anchors
+    speed_sizes = np.abs(speeds)
+    speed_sizes[:, 0, e:], speed_sizes[:, 1, e:] = spectrum.sizes(np.zeros_like(bounds), bounds)
+    held, reaction = np.flatnonzero(status == PINNED), None
+    if regime.reactions is not None:
+        own = regime.reactions.row.reshape(held.size, 2, -1)
+        # Bounds of the reactions are those of their functions.
+        reaction = own, np.array([regime.sizes[(regime.owner == j) & (regime.sign == 0.0)][0] for j in held])
+    exits = sliders.exits(status, pushes, coordinates, (speeds, speed_sizes), reaction, sizes)
+    signs, own_status = sliders.signs(status), status[first:]
+    forces = np.zeros((len(sliders), 2, coordinates.shape[2]))
+    forces[:, 0, 0] = signs * sliders.limit
+    for j in range(len(sliders)):
+        if own_status[j] == CLOSED:
+            forces[j] = sliders.stiffness[j] * coordinates[first + j]
+        elif own_status[j] == PINNED:
+            assert reaction is not None
+            forces[j] = reaction[0][held.tolist().index(first + j)]
+    kept = regime.owner < first
+    whole = np.concatenate([regime.rows[kept], exits.rows])
+    dampers = np.where(status == CLOSED, laws.damping, 0.0)
+    return replace(
+        regime,
+        rows=whole,
+        sizes=np.concatenate([regime.sizes[kept], exits.sizes]),
+        sign=np.concatenate([regime.sign[kept], np.zeros(len(exits.owner))]),
+        level=np.concatenate([regime.level[kept], exits.level]),
+        owner=np.concatenate([regime.owner[kept], exits.owner]),
+        leads=np.concatenate([regime.leads[kept], exits.leads]),
+        mixed=bool(np.any(whole[:, 1, e:])),
+        sliding=SlidingPiece(sliders, status, pushes, flat(forces), flat(speeds), space, dampers),
+    )
 
 
 def flat(states: Array) -> Array:

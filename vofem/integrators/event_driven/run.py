@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vofem._validate import number, whole
 from vofem.errors import EventStormError, MethodError
+from vofem.integrators.event_driven.follow import follower_of
 from vofem.integrators.event_driven.lifted import TruncatedSolution
 from vofem.integrators.event_driven.modal_space import modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
@@ -22,7 +23,6 @@ from vofem.integrators.event_driven.truncated import (
     run_truncated,
     too_many_inputs,
 )
-from vofem.integrators.event_driven.walk import follower_of
 from vofem.integrators.methods import EVENT_DRIVEN
 from vofem.integrators.observer import Observer, Snapshot, deferred_interrupts
 from vofem.integrators.reduction import loss_in_all_modes
@@ -50,15 +50,27 @@ MOST_EVENTS = 1_000_000
 
 def refusal(system: System) -> str | None:
     """Return why this method cannot treat the system and what can, or None."""
+    sliders, contacts = system.sliders, system.contacts
+    if sliders is not None and contacts is not None and (contacts.moving is not None or np.any(contacts.jump)):
+        return (
+            f"{sliders.labels[0]} acts beside contacts that stand in space or act on the displacement, which "
+            f"{EVENT_DRIVEN.name} does not treat together; use acts_on='penetration' and stops that stand on the base"
+        )
     for group in system.laws:
         reason = group.nonlinearity(EVENT_DRIVEN.name)
-        if reason is None and group is not system.contacts:
+        if reason is None and group is not system.contacts and group is not sliders:
             reason = f"{group.labels[0]} is no contact, and {EVENT_DRIVEN.name} takes no other laws"
         if reason is not None:
             way = {"special": True} if group.driven is not None else {"steps": True}
             return f"{reason}. Use {advice(system, **way)}"
     for load in system.loads:
         if not load.function.closed_form:
+            obstacle = getattr(load.function, "obstacle", "")
+            if obstacle:
+                return (
+                    f"{load.name} has no closed form, which {EVENT_DRIVEN.name} needs: {obstacle}. Use "
+                    f"{advice(conserves=True)}"
+                )
             return (
                 f"{load.name} has no closed form, which {EVENT_DRIVEN.name} needs. Ways out: write it with Sine, Ramp, "
                 "Pulse, Tabulated and their sums; approximate it, vf.Approximated(f, t_end, tolerance); or "
@@ -170,8 +182,8 @@ def _follow(
 ) -> EventSolution:  # fmt: skip
     """Follow all modes of a system from event to event."""
     counters = Counters()
-    space = system.cache.get("modal space", None, lambda: modal_space(system, counters))
-    solution = EventSolution(system, space, t_end, times, counters)
+    solution = _solution(system, t_end, times, counters)
+    space = solution.space
     if resume is None:
         momentum = system.mass @ np.stack([start.q, start.v], axis=1)
         displacement, velocity = (space.shapes.T @ momentum).T
@@ -200,8 +212,21 @@ def _follow(
     return solution
 
 
+def _solution(system: System, t_end: float, times: Array, counters: Counters) -> EventSolution:
+    """Return the solution to be filled, with the modal space of the system, which is solved once."""
+    if system.sliders is None:
+        space = system.cache.get("modal space", None, lambda: modal_space(system, counters))
+        return EventSolution(system, space, t_end, times, counters)
+    from vofem.integrators.event_driven.sliding import SlidingSolution, whole_system
+
+    whole = whole_system(system)
+    space = whole.cache.get("modal space", None, lambda: modal_space(whole, counters))
+    return SlidingSolution(system, space, t_end, times, counters)
+
+
 def _storm(system: System, solution: EventSolution, t: float, limit: int) -> str:
-    assert system.contacts is not None
+    if system.contacts is None or not solution.events.time.size:
+        return f"more than {limit} events of sliders by t = {t:.6g} s. Raise max_events or end the run earlier"
     busy = int(np.bincount(solution.events.contact).argmax())
     return (
         f"more than {limit} contact events by t = {t:.6g} s, most of them of contact "

@@ -77,9 +77,10 @@ _TOUCHING = 4.0 * float(np.finfo(float).eps)
 def _sums_of_squares(states: Array, weight: Array) -> Array:
     """Return the sums of weighted squares of states (n, n_times) whose times are rows in memory, shape (n_times,)."""
     sums = np.empty(states.shape[1])
-    # A part at a time stays in fast memory.
-    for k in range(0, sums.size, _ROWS):
-        sums[k : k + _ROWS] = states.T[k : k + _ROWS] ** 2 @ weight
+    # A part at a time stays in fast memory. Energies of motions above 1e150 m or so are infinite.
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(0, sums.size, _ROWS):
+            sums[k : k + _ROWS] = states.T[k : k + _ROWS] ** 2 @ weight
     return sums
 
 
@@ -107,7 +108,8 @@ class EventSolution:
         self.times = times
         self.counters = counters
         self.notes: list[str] = []
-        self.system = system
+        #: The system that the run was given, and as the run sees it: with further rows where there are sliders.
+        self.given = self.system = system
         self.space = space
         self.was_cut = False
         # The samples that were computed last, and whether they are kept here too.
@@ -456,9 +458,18 @@ class EventSolution:
                 known.clear()
             sizes = self.space.contacts if system.contacts is None else self.row_sizes
             known[key] = regime_of(
-                spectrum, self.space, system.contacts, status, sizes, self.load_vectors, load, self.t_end
+                spectrum, self.space, system.contacts, status, sizes, self.load_vectors, load, self.t_end,
+                **self._regime_options(),
             )  # fmt: skip
         return known[key]
+
+    def _regime_options(self) -> dict[str, Any]:
+        """Return what linear pieces depend on beside contacts and loads."""
+        return {}
+
+    def loads_at(self, regime: Regime, times: Array, displacement: Array, gaps: Array) -> Array:
+        """Return states of the loads (m, 2, e) at the beginnings of segments in modal displacements (m, n)."""
+        return self.exosystem.at(times)
 
     @cached_property
     def _loads_key(self) -> bytes:

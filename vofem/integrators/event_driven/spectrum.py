@@ -59,6 +59,8 @@ class RealModes:
         Force that is needed beside the reactions to keep the shift in equilibrium (only if there are rigid motions).
     shift_reaction : ndarray, shape (k,), optional
         Reactions to the shift.
+    lifts : (ndarray, ndarray, ndarray), optional
+        The last three for a gap of 1 of one contact each, shapes (n, k), (n, k) and (k, k).
     """
 
     p: Array
@@ -68,6 +70,7 @@ class RealModes:
     shift: Array | None = None
     shift_force: Array | None = None
     shift_reaction: Array | None = None
+    lifts: tuple[Array, Array, Array] | None = None
 
     def down(self, vector: Any) -> Any:
         """Return ``V' vector``."""
@@ -311,9 +314,12 @@ class Spectra:
         force = -np.linalg.solve(gram, rows @ (loose[:, None] * modes + weight[:, None] * modes * squares))
         reaction = np.asarray(np.linalg.solve(gram, gap), dtype=float)
         push = rows.T @ reaction
+        one = np.asarray(np.linalg.inv(gram), dtype=float)
+        each = rows.T @ one
+        lifts = closed.up(weight[:, None] * each), closed.up(np.where(loose[:, None], each, 0.0)), one
         return RealModes(
             squares, closed.up(modes), pinned, force, closed.up(weight * push), closed.up(np.where(loose, push, 0.0)),
-            reaction,
+            reaction, lifts,
         )  # fmt: skip
 
     def _counted(self, work: Callable[[], tuple[Array, Array]]) -> tuple[Array, Array]:

@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem.errors import EventStormError
 from vofem.integrators.event_driven.bounces import REST, struck
-from vofem.integrators.event_driven.follow import Follower
 from vofem.integrators.event_driven.regime import Regime
 from vofem.integrators.event_driven.search import EventFunctions, exact_cut, march, search_space
+from vofem.integrators.event_driven.sliders import UP
+from vofem.integrators.event_driven.sliding import SlidingSolution
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.tangent import acceleration
 from vofem.kernels.mode import kernels
@@ -35,7 +36,7 @@ _NEAR = 1e-6
 
 
 class Walker:
-    """A motion that is followed from segment to segment; see `Follower`, whose interface it has."""
+    """A motion that is followed from segment to segment; see `follow.Follower`, whose interface it has."""
 
     def __init__(
         self, solution: EventSolution, edges: ArrayLike, time: float, status: Status, displacement: Array,
@@ -49,12 +50,23 @@ class Walker:
         self._laws, self._rows, self._pin_fraction = laws, solution.space.contacts, pin_fraction
         # The largest speed of approach of each rigid stop.
         self._largest = np.zeros(len(laws))
+        self._sliders = len(laws) if not isinstance(solution, SlidingSolution) else solution.contact_count
+        # Sliders that have changed their status at the last event.
+        self._triggered: set[int] = set()
         if solution.record.segments:
-            assert solution.bounces is not None
-            np.maximum.at(self._largest, solution.bounces.contact, solution.bounces.approach)
-        self._gaps = solution.gaps_at(self.status, displacement, time)
-        if not solution.record.segments:
+            assert solution.gaps_now is not None
+            self._gaps = solution.gaps_now.copy()
+            self._triggered = self._changed(solution.record.last_status)
+            if solution.bounces is not None:
+                np.maximum.at(self._largest, solution.bounces.contact, solution.bounces.approach)
+        else:
+            self._gaps = solution.gaps_at(self.status, displacement, time)
+            self._gaps[self._sliders :] = 0.0
             self._strike(self._laws.rigid & (self._gaps == 0.0))
+
+    def _changed(self, before: Status) -> set[int]:
+        """Return the numbers of the sliders whose status is another one than before."""
+        return {int(j) for j in np.flatnonzero(before != self.status) if j >= self._sliders}
 
     def advance(self) -> None:
         """Compute one segment, and what the event at its end does."""
@@ -65,7 +77,8 @@ class Walker:
         duration = float(loads.edges[interval + 1]) - self.time
         group = regime.blocks.group
         index = self._record()
-        begin = regime.begin(self.displacement[None], self.velocity[None], loads.at(np.array([self.time])))
+        w = solution.loads_at(regime, np.array([self.time]), self.displacement[None], self._gaps[None])
+        begin = regime.begin(self.displacement[None], self.velocity[None], w)
         if regime.held:
             self.displacement, self.velocity = (part[0] for part in regime.to_modes(begin, shifted=True))
         with nullcontext() if group is None else kernels(compiled=False):
@@ -75,9 +88,15 @@ class Walker:
         record.buffers.durations[index] = tau
         self.time = float(loads.edges[interval + 1]) if tau >= duration else self.time + tau
         self.displacement, self.velocity = self.displacement + displacement, self.velocity + velocity
-        self._gaps = self._gaps + self._rows @ displacement
+        self._gaps = self._gaps + regime.coordinates @ moved.ravel()
+        self._hold_sliders()
         solution.gaps_now = self._gaps
         solution.counters.steps += 1
+        self._triggered = set()
+        if not hits.size and isinstance(solution, SlidingSolution) and tau >= duration:
+            # Loads may jump here.
+            self._decide({})
+            self._triggered = self._changed(record.last_status)
         if hits.size:
             self._pass_event(dict(zip(regime.owner[hits].tolist(), regime.leads[hits].tolist(), strict=True)))
             solution.gaps_now = self._gaps
@@ -96,8 +115,12 @@ class Walker:
         if not regime.sign.size:
             return duration, none
         contact = regime.sign != 0.0
+        owner = regime.owner
         start = np.where(contact, regime.sign * self._gaps[regime.owner], np.sum(regime.rows * begin, axis=(1, 2)))
         level = regime.level.copy()
+        own = np.flatnonzero(owner >= self._sliders)
+        if own.size:
+            self._start_sliders(regime, start, level, own, duration)
         if regime.spectrum.blocks is not None:
             sizes = self.solution.row_sizes @ np.abs(self.displacement)
             level += np.where(contact, sizes[regime.owner], 0.0)
@@ -114,6 +137,43 @@ class Walker:
         hits = np.flatnonzero(space.hits)
         return (exact_cut(self.time, tau) if not hits.size and tau < duration else tau), hits
 
+    def _start_sliders(self, regime: Regime, start: Array, level: Array, own: Status, duration: float) -> None:
+        """Fill in values of the event functions of sliders at the start, and sizes of their constants."""
+        assert isinstance(self.solution, SlidingSolution)
+        sliders = self.solution.sliders
+        forces = self._forces()
+        for k in own.tolist():
+            j, at = int(regime.owner[k]) - self._sliders, int(regime.owner[k])
+            if self.status[at] == CLOSED:
+                sign = 1.0 if regime.leads[k] == UP else -1.0
+                start[k] = sign * self._gaps[at] - sliders.static[j] / sliders.stiffness[j]
+                if at in self._triggered and start[k] >= 0.0:
+                    # It has just come to rest, and its speed is zero but for rounding.
+                    level[k] += forces[at] * (_NEAR * duration) ** 2
+            elif self.status[at] != PINNED and sliders.rigid[j] and at in self._triggered:
+                # It begins to slide from rest.
+                start[k] = 0.0
+                level[k] += forces[at] * _NEAR * duration
+            start[k] = min(start[k], 0.0)
+
+    def _hold_sliders(self) -> None:
+        """Put the springs of sliders that slide at their limits; rigid sliders have none."""
+        if isinstance(self.solution, SlidingSolution):
+            sliders, first = self.solution.sliders, self._sliders
+            signs = sliders.signs(self.status)
+            sliding = signs * np.where(sliders.rigid, 0.0, sliders.limit / sliders.stiffness)
+            stuck = np.where(sliders.rigid, 0.0, self._gaps[first:])
+            self._gaps[first:] = np.where(signs != 0.0, sliding, stuck)
+
+    def _decide(self, triggered: dict[int, int]) -> None:
+        """Choose the statuses of the sliders."""
+        assert isinstance(self.solution, SlidingSolution)
+        before = self.status
+        self.status, self._gaps = self.solution.decide(
+            self.time, before, self.displacement, self.velocity, self._gaps, triggered
+        )
+        self.solution.counters.events += int(np.sum(before[self._sliders :] != self.status[self._sliders :]))
+
     def _forces(self) -> Array:
         """Return the sizes of the accelerations at the contacts, of which forces may balance each other, m/s^2."""
         solution = self.solution
@@ -124,6 +184,16 @@ class Walker:
 
     def _pass_event(self, entered: dict[int, int]) -> None:
         """Change status and velocity at an event, given the contacts that reach a limit and where this leads."""
+        triggered = {j: new for j, new in entered.items() if j >= self._sliders}
+        entered = {j: new for j, new in entered.items() if j < self._sliders}
+        if entered:
+            self._pass_contacts(entered)
+        if isinstance(self.solution, SlidingSolution):
+            before = self.solution.record.last_status
+            self._decide(triggered)
+            self._triggered = self._changed(before)
+
+    def _pass_contacts(self, entered: dict[int, int]) -> None:
         solution, rigid = self.solution, self._laws.rigid
         yielding = {j: new for j, new in entered.items() if not rigid[j]}
         before = self.status
@@ -178,7 +248,7 @@ class Walker:
             )
         self._settle(settled)
         speed = rows @ self.velocity
-        chattering = (self.status == PINNED) & ~laws.rigid & (np.abs(speed) > zero)
+        chattering = (self.status == PINNED) & laws.jump & (np.abs(speed) > zero)
         for j in np.flatnonzero(chattering).tolist():
             self._change(j, CLOSED if speed[j] > 0.0 else OPEN)
 
@@ -187,6 +257,20 @@ class Walker:
         self.status = self.status.copy()
         self.status[j] = status
         self._log(j, status)
+
+    def _pushed(self, j: int, velocity: Array) -> float:
+        """Return the acceleration towards a stop that is open, m/s^2."""
+        solution = self.solution
+        load = solution.load(self.time)
+        total = acceleration(solution.space, self._laws, self.status, self.displacement, velocity, load)
+        if isinstance(solution, SlidingSolution):
+            push = np.zeros(len(self._laws))
+            sliders, first = solution.sliders, self._sliders
+            stuck = self.status[first:] == CLOSED
+            behind = stuck * (self._gaps[first:] - self._rows[first:] @ self.displacement)
+            push[first:] = sliders.signs(self.status) * sliders.limit + self._laws.stiffness[first:] * behind
+            total = total - push @ self._rows
+        return float(self._rows[j] @ total)
 
     def _bounce(self, j: int) -> None:
         """Let a body bounce off a stop; the state before is a segment of its own."""
@@ -204,17 +288,16 @@ class Walker:
             held = self._rows[settled | (self.status == PINNED)]
             velocity = self.velocity - np.linalg.pinv(held) @ (held @ self.velocity)
             force = acceleration(space, None, self.status, self.displacement, velocity, load)
-            pushed = row @ acceleration(space, self._laws, self.status, self.displacement, velocity, load)
-            if pushed > _ZERO * (np.abs(row) @ np.abs(force)):
+            pushed, size = self._pushed(int(j), velocity), np.abs(row) @ np.abs(force)
+            if abs(pushed) <= _ZERO * size:
+                # Nothing pushes yet. The rate of the forces decides, as at the begin of a load.
+                rates = (
+                    vector * float(function.derivative(self.time))
+                    for vector, function in zip(solution.load_vectors, solution.load_functions, strict=True)
+                )
+                rate = sum(rates, -space.stiffness * velocity - space.damping_force(force))
+                pushed, size = float(row @ rate), 0.0
+            if pushed > _ZERO * size:
                 self._change(j, PINNED)
             elif row @ self.velocity > 0.0:
                 self._bounce(j)
-
-
-def follower_of(
-    solution: EventSolution, edges: ArrayLike, time: float, status: Status, displacement: Array, velocity: Array,
-    pin_fraction: float, most_events: int,
-) -> Follower | Walker:  # fmt: skip
-    """Return what follows a motion: the compiled loop, or Python where there are rigid stops."""
-    kind = Follower if solution.bounces is None else Walker
-    return kind(solution, edges, time, status, displacement, velocity, pin_fraction, most_events)

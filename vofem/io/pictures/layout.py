@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 BEAM_HALF, MASS_HALF, BAR, SPRING_ROOM, PAD, MOTION = 26.0, 34.0, 18.0, 74.0, 10.0, 170.0
 HEADER, SCALE_BAND, DIAGRAMS, SIDES = 74.0, 112.0, 150.0, (190.0, 210.0)
 
-#: Factor by which bodies shrink step by step where they do not fit.
-_SHRINK = 0.85
+#: Factor by which bodies shrink at most; more bodies than fit then cannot be shown clearly.
+_SMALLEST = 0.1
 
 
 def is_line(body: Body) -> bool:
@@ -164,20 +164,23 @@ def arrange(view: Snapshot, size: tuple[int, int], magnification: float | None) 
 def _choose(
     view: Snapshot, rows: dict[Body, int], room: float, full: float, scale: float, wanted: float | None
 ) -> tuple[float, float]:
-    """Return unit and magnification: the largest bodies beside which the motion can be seen, then the largest motion.
+    """Return unit and magnification, at which all rows fit into a height of `room` pixels.
 
-    `wanted` is the magnification that the user asks for; otherwise it is 1, 2 or 5 times a power of ten.
+    The magnification is that which the user wants, or the largest 1, 2 or 5 times a power of ten at which bodies and
+    motion fit if they shrink together. Bodies are then as large as fits beside this motion.
     """
+
+    def height(unit: float, magnification: float) -> float:
+        return _heights(_needs(view, list(rows), unit), rows, view, magnification * scale, unit)[1]
+
     size = scale * max(max(need.down, need.up) for need in _needs(view, list(rows), 1.0))
-    fixed = wanted or (None if size else 1.0)
-    for unit in (full * _SHRINK ** np.arange(14)).tolist():
-        needs = _needs(view, list(rows), unit)
-        for share in (1.0, 0.5):
-            chosen = fixed or nice_below(share * MOTION * unit / size)
-            if _heights(needs, rows, view, chosen * scale, unit)[1] <= room:
-                return unit, chosen
-    # More bodies than a picture of this size can show clearly.
-    return 0.1 * full, fixed or 1.0
+    if not wanted and size:
+        free = MOTION * full / size
+        wanted = nice_below(free * max(_SMALLEST, min(1.0, room / height(full, free))))
+    chosen = wanted or 1.0
+    low, high = height(0.0, chosen), height(full, chosen)
+    # Heights are convex in the unit, so they are below the chord.
+    return full if high <= room else full * max(_SMALLEST, (room - low) / (high - low)), chosen
 
 
 def _pairs(view: Snapshot) -> list[tuple[Link, Body, Body]]:

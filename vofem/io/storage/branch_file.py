@@ -60,9 +60,12 @@ FORMAT = 3
 def save(curve: Branch | Locus, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
     """Write a branch or a locus to one file; see `vofem.Branch.save`."""
     goal = target(path, SUFFIXES)
-    branch = isinstance(curve, Branch)
-    own = {"periods": int(curve.periods)} if branch else {"kind": curve.kind, "contact": curve.contact}
-    orbits = [*(curve.orbits if branch else ()), *(point.orbit for point in curve.special)]
+    own: dict[str, Any]
+    if isinstance(curve, Branch):
+        own, listed = {"periods": int(curve.periods)}, list(curve.orbits)
+    else:
+        own, listed = {"kind": curve.kind, "contact": curve.contact}, []
+    orbits = [*listed, *(point.orbit for point in curve.special)]
     record = {
         "values": curve.values,
         "special": [(s.kind, float(s.value), s.contact, float(s.place), float(s.other)) for s in curve.special],
@@ -73,7 +76,7 @@ def save(curve: Branch | Locus, path: str | os.PathLike[str], *, overwrite: bool
         **own,
     }
     with writing(goal, overwrite=overwrite) as blocks:
-        group = blocks.file.create_group(GROUP if branch else LOCUS, track_order=True)
+        group = blocks.file.create_group(GROUP if isinstance(curve, Branch) else LOCUS, track_order=True)
         mark_format(group, FORMAT)
         write_tree(group, record)
     return goal

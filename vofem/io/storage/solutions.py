@@ -47,8 +47,8 @@ def solution_record(solution: Solution) -> dict[str, Any]:
             "branch, vofem.continuation(...).save('branch.h5'), or as a run that starts from it: "
             "vofem.simulate(scene, orbit.period, initial=orbit).save(...)"
         )
-    names = ("system", "space", "t_end", "counters", "notes")
-    record = {"kind": "event_driven", **{name: getattr(solution, name) for name in names}}
+    names = ("space", "t_end", "counters", "notes")
+    record = {"kind": "event_driven", "system": solution.given, **{name: getattr(solution, name) for name in names}}
     # Growth of disturbances that was not computed before saving is computed when it is asked for.
     return record | {"sensitivity": solution.__dict__.get("sensitivity")}
 
@@ -80,7 +80,10 @@ def restored_solution(
     sensitivity = record.pop("sensitivity")
     rows = group["segments"]
     segments = Segments(**{name: read_array(rows[name]) for name in Segments._fields})
-    solution = EventSolution.restored(**record, times=times, segments=segments, events=events)
+    kind_of: type[EventSolution] = EventSolution
+    if record["system"].sliders is not None:
+        from vofem.integrators.event_driven.sliding import SlidingSolution as kind_of  # noqa: N813
+    solution = kind_of.restored(**record, times=times, segments=segments, events=events)
     if sensitivity is not None:
         solution.__dict__["sensitivity"] = sensitivity
     return solution

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, overload
+from typing import Any, Protocol, cast, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,7 +122,7 @@ class Saved(Shown):
         # Late, because studies know no file format.
         from vofem.io.storage.branch_file import save
 
-        return save(self, path, overwrite=overwrite)
+        return save(cast(Any, self), path, overwrite=overwrite)
 
 
 class Branch(Saved):

@@ -274,6 +274,9 @@ def shooting_refusal(scene: Scene) -> str | None:
     """Return why shooting cannot treat a scene, and what can, or None."""
     system = scene.model.system
     reason = refusal(system)
+    sliders = system.sliders
+    if reason is None and sliders is not None:
+        return sliders.refusal("a search of periodic orbits")
     if reason is None and system.contacts is not None:
         reason = system.contacts.rigid_refusal("a search of periodic orbits")
         if reason is not None:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import math
 import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass, field
+from pathlib import Path
+from types import FrameType
 from typing import Any
 
 from vofem.errors import ArgumentError, ExecutorError
@@ -103,7 +107,7 @@ def workers_for(executor: Any, function: Callable[..., Any], count: int | None) 
     if count is not None and (isinstance(count, bool) or not isinstance(count, int) or count < 1):
         raise ArgumentError(f"sweep: workers is {count!r}, expected a positive integer")
     if executor is None:
-        _refuse_child()
+        _refuse_unguarded()
         _check_sendable(function)
         return Workers(None, count or processors())
     if executor == "serial":
@@ -311,13 +315,31 @@ def _check_sendable(function: Callable[..., Any]) -> None:
         ) from None
 
 
-def _refuse_child() -> None:
-    """Refuse to start processes while the main script is imported in a process of a sweep."""
-    if getattr(multiprocessing.current_process(), "_inheriting", False):
-        raise ArgumentError(
-            "sweep: a script starts a sweep whenever it is imported, and its processes import it; put the call under "
-            "`if __name__ == '__main__':`"
-        )
+def _refuse_unguarded() -> None:
+    """Refuse to start processes from a script that would start them again in each of these, which import it."""
+    main = sys.modules["__main__"]
+    frame: FrameType | None = sys._getframe()
+    while frame is not None and not (frame.f_globals is vars(main) and frame.f_code.co_name == "<module>"):
+        frame = frame.f_back
+    path = getattr(main, "__file__", None)
+    if frame is None or path is None:
+        return
+    try:
+        statements = ast.parse(Path(path).read_bytes()).body
+    except (OSError, SyntaxError, ValueError):
+        return
+    for statement in statements:
+        names = {node.id for node in ast.walk(statement) if isinstance(node, ast.Name)}
+        here = statement.lineno <= frame.f_lineno <= (statement.end_lineno or statement.lineno)
+        # Earlier tests of the name may end the import.
+        if "__name__" in names and (here or isinstance(statement, ast.If)):
+            return
+        if here:
+            raise ArgumentError(
+                f"sweep: line {frame.f_lineno} of {path} starts processes, and each of them imports this script and "
+                "would start more; put what the script runs under `if __name__ == '__main__':`, or pass "
+                "executor='serial'"
+            )
 
 
 def _begin_worker() -> None:

@@ -1,0 +1,339 @@
+"""Dry friction in event_driven, against reference data, closed forms and an integration that is written here."""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import vofem as vf
+from vofem.integrators import event_driven
+
+pytestmark = pytest.mark.kernels("plain")
+
+DATA = Path(__file__).parent / "data" / "friction"
+
+
+def data(name: str) -> tuple[dict[str, Any], dict[str, Any], dict[str, np.ndarray]]:
+    """Return scene, values and histories of reference data."""
+    read = json.loads((DATA / f"{name}.json").read_text())
+    return read["scene"], read["values"], dict(np.load(DATA / f"{name}.npz"))
+
+
+def run(scene: vf.Scene, t_end: float, times: np.ndarray | None = None, **options: Any) -> vf.Result:
+    """Return an event-driven run."""
+    times = np.linspace(0.0, t_end, 201) if times is None else times
+    return vf.simulate(scene, t_end, method="event_driven", times=times, **options)
+
+
+def balance(result: vf.Result) -> float:
+    """Return by how much the energy is not balanced, over its largest value."""
+    energy = result.energy
+    total = energy.kinetic + energy.strain + energy.contact + energy.dissipated - energy.work
+    size = max(energy.kinetic.max(), energy.strain.max(), np.abs(energy.work).max(), 1e-300)
+    return float(np.max(np.abs(total - energy.start)) / size)
+
+
+def test_a_mass_on_a_belt_sticks_and_slips_as_its_closed_form() -> None:
+    """Events, motion and dissipated energy of the stick-slip cycle."""
+    s, values, histories = data("belt")
+    mass = vf.Mass(s["m"], stiffness=s["k"], name="mass")
+    pad = vf.Friction(
+        mass, coefficient=s["mu_dynamic"], static=s["mu_static"], normal=s["N"], belt=s["v_belt"], name="pad"
+    )
+    scene = vf.Scene([mass], [pad], initial={mass: (0.0, s["v_belt"])})
+    result = run(scene, s["t_end"], histories["t"])
+    slider = result.frictions["pad"]
+    np.testing.assert_allclose(result.displacement(mass), histories["x"], atol=1e-14)
+    np.testing.assert_allclose(slider.breaks, values["events"][0::2], rtol=1e-13)
+    np.testing.assert_allclose(slider.stops, values["events"][1::2], rtol=1e-13)
+    assert slider.dissipated[-1] == pytest.approx(values["total_dissipated"], rel=1e-12)
+    assert result.energy.dissipated[-1] == pytest.approx(values["total_dissipated"], rel=1e-12)
+    sticks = slider.status == 0
+    assert np.all(slider.slip_speed[sticks] == 0.0)
+    np.testing.assert_allclose(slider.force[sticks], -s["k"] * result.displacement(mass)[sticks], atol=1e-12)
+    np.testing.assert_allclose(slider.force[~sticks], -s["mu_dynamic"] * s["N"], rtol=1e-15)
+    np.testing.assert_allclose(slider.wear_power, s["N"] * np.abs(slider.slip_speed), rtol=1e-15)
+    assert balance(result) < 1e-13
+
+
+def chain(s: dict[str, Any], **options: Any) -> tuple[vf.Scene, list[vf.Mass]]:
+    """Return the chain of the reference data, its slider at the first mass."""
+    one = vf.Mass(s["m1"], stiffness=s["k0"], damping=s["c"] * s["k0"], name="one")
+    two = vf.Mass(s["m2"], stiffness=s["k2"], damping=s["c"] * s["k2"], name="two")
+    effects = [
+        vf.Friction(one, coefficient=1.0, normal=s["f"], name="pad", **options),
+        vf.Spring(one, two, stiffness=s["k1"]),
+        vf.Dashpot(one, two, damping=s["c"] * s["k1"]),
+        vf.PointLoad(two, vf.Sine(s["F"], s["Omega"])),
+    ]
+    return vf.Scene([one, two], effects), [one, two]
+
+
+def test_a_chain_agrees_with_the_reference_rigid_and_behind_a_spring() -> None:
+    """Motion, events, and all parts of the energy."""
+    s, values, histories = data("chain")
+    scene, masses = chain(s)
+    result = run(scene, s["t_end"], histories["t"])
+    motion = np.array([result.displacement(mass) for mass in masses]).T
+    np.testing.assert_allclose(motion, histories["x"], atol=1e-11 * np.abs(motion).max())
+    slider = result.frictions["pad"]
+    breaks = [time for time, what in values["events"] if what.startswith("break")]
+    stops = [time for time, what in values["events"] if what.startswith("stop")]
+    np.testing.assert_allclose(slider.breaks, breaks, atol=1e-12)
+    np.testing.assert_allclose(slider.stops, stops, atol=1e-12)
+    assert slider.dissipated[-1] == pytest.approx(values["friction_work"], rel=1e-11)
+    assert result.energy.work[-1] == pytest.approx(values["load_work"], rel=1e-11)
+    assert balance(result) < 1e-13
+    elastic, masses = chain(s, stiffness=float(histories["kt_jenkins"]))
+    jenkins = run(elastic, s["t_end"], histories["t"])
+    motion = np.array([jenkins.displacement(mass) for mass in masses]).T
+    np.testing.assert_allclose(motion, histories["x_jenkins"], atol=1e-9 * np.abs(motion).max())
+    assert balance(jenkins) < 1e-13
+
+
+def test_a_cantilever_with_a_slider_agrees_with_the_reference() -> None:
+    """A damped beam with friction at its tip, from rest."""
+    s, values, histories = data("cantilever")
+    beam = vf.Beam(s["L"], s["EI"], s["rhoA"], s["elements"], {"left": "clamped"}, name="beam")
+    effects = [
+        vf.Friction(beam.at("right"), coefficient=1.0, normal=s["f"], name="pad"),
+        vf.RayleighDamping(0.0, s["beta"]),
+        vf.PointLoad(beam.at(s["load_node"] * s["L"] / s["elements"]), vf.Sine(s["F"], s["Omega"])),
+    ]
+    result = run(vf.Scene([beam], effects), s["t_end"], histories["t"])
+    tip = result.displacement(beam.at("right"))
+    np.testing.assert_allclose(tip, histories["tip"], atol=1e-9 * np.abs(tip).max())
+    slider = result.frictions["pad"]
+    events = np.sort(np.concatenate([slider.stops, slider.breaks]))
+    np.testing.assert_allclose(events, [time for time, _ in values["events"]], atol=1e-9)
+    assert slider.dissipated[-1] == pytest.approx(values["friction_work"], rel=1e-9)
+    assert balance(result) < 1e-12
+
+
+@pytest.mark.parametrize("name", ["denhartog_nonstop", "denhartog_nonstop_above", "denhartog_twostop"])
+def test_den_hartogs_orbits_close_and_have_his_amplitudes(name: str) -> None:
+    """Three periods of the closed orbit, and the amplitude that a run from rest settles to."""
+    s, values, histories = data(name)
+    mass = vf.Mass(s["m"], stiffness=s["k"], name="mass")
+    effects = [vf.Friction(mass, coefficient=0.5, normal=2.0 * s["f"], name="pad"),
+               vf.PointLoad(mass, vf.Sine(s["F"], s["Omega"], phase=0.5 * np.pi))]  # fmt: skip
+    scene, t0 = vf.Scene([mass], effects, initial={mass: (s["x0"], s["v0"])}), s["t0"]
+    result = run(scene, float(histories["t"][-1] - t0), histories["t"] - t0, t_start=t0)
+    np.testing.assert_allclose(result.displacement(mass), histories["x"], atol=1e-12)
+    slider = result.frictions["pad"]
+    events = np.sort(np.concatenate([slider.stops, slider.breaks])) + t0
+    expected = [time for time, _ in values["events_of_orbit"]]
+    np.testing.assert_allclose(events[: len(expected)], expected, atol=1e-11)
+    period = 2.0 * np.pi / s["Omega"]
+    cycles = round(float(histories["t"][-1] - t0) / period)
+    assert slider.dissipated[-1] == pytest.approx(cycles * values["dissipated_per_cycle"], rel=1e-11)
+    rest = vf.Scene([mass], effects)
+    settled = run(rest, 60.0 * period, np.linspace(58.0, 60.0, 401) * period)
+    assert np.abs(settled.displacement(mass)).max() == pytest.approx(values["amplitude"], rel=4e-3)
+    assert balance(settled) < 1e-12
+
+
+def test_free_vibration_ends_stuck_and_a_shaken_mass_slides_as_published() -> None:
+    """SDND100 and SDND104 of code_aster's validation: extremes in equal steps, and mean powers of wear."""
+    mass = vf.Mass(1.0, stiffness=1e4, name="mass")
+    scene = vf.Scene(
+        [mass], [vf.Friction(mass, coefficient=0.5, normal=2.0, name="pad")], initial={mass: (8.5e-4, 0.0)}
+    )
+    result = run(scene, 0.3, np.arange(1, 10) * np.pi / 100.0)
+    expected = [-6.5e-4, 4.5e-4, -2.5e-4, *[5e-5] * 6]
+    np.testing.assert_allclose(result.displacement(mass), expected, rtol=1e-12)
+    np.testing.assert_allclose(result.frictions["pad"].stops, np.arange(1, 5) * np.pi / 100.0, rtol=1e-12)
+    assert not result.frictions["pad"].breaks.size
+    for amplitude, power in ((15.0, 15.267099589), (1.5, 0.409062451), (1.01, 2.26164121e-4), (0.99, 0.0)):
+        block = vf.Mass(1.0, name="block")
+        effects = [vf.Friction(block, coefficient=0.1, normal=10.0, name="plane"),
+                   vf.BaseMotion(block, vf.Sine(amplitude, 2.0 * np.pi))]  # fmt: skip
+        shaken = run(vf.Scene([block], effects), 12.0, np.array([4.0, 12.0]))
+        lost = np.diff(shaken.frictions["plane"].dissipated)[0]
+        assert lost / 0.1 / 8.0 == pytest.approx(power, rel=3e-9, abs=1e-14)
+        assert balance(shaken) < 1e-13 or amplitude == 0.99
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_two_sliders_on_a_moving_belt_agree_with_an_integration_written_for_them(seed: int) -> None:
+    """Two masses of random numbers, each with a rigid slider, one on a belt, against DOP853 with its own statuses."""
+    rng = np.random.default_rng(seed)
+    m, k = rng.uniform(0.4, 1.5, 2), rng.uniform(10.0, 50.0, 3)
+    limits = rng.uniform(0.4, 1.6, 2)
+    statics = limits * np.array([rng.uniform(1.0, 1.4), 1.0])
+    strength, omega, mean, swing, slow = rng.uniform([2.0, 2.0, -0.1, 0.0, 1.0], [6.0, 6.0, 0.1, 0.3, 3.0])
+    one, two = vf.Mass(m[0], stiffness=k[0], name="one"), vf.Mass(m[1], stiffness=k[2], name="two")
+    effects = [
+        vf.Spring(one, two, stiffness=k[1]),
+        vf.PointLoad(two, vf.Sine(strength, omega)),
+        vf.Friction(
+            one, coefficient=limits[0], static=statics[0], normal=1.0, belt=vf.Sine(swing, slow) + mean, name="b"
+        ),
+        vf.Friction(two, coefficient=limits[1], normal=1.0, name="g"),
+    ]
+    t_end = 4.0
+    result = run(vf.Scene([one, two], effects), t_end, np.linspace(0.0, t_end, 81))
+    stiffness = np.array([[k[0] + k[1], -k[1]], [-k[1], k[1] + k[2]]])
+
+    def belt(t: float) -> np.ndarray:
+        return np.array([mean + swing * np.sin(slow * t), 0.0])
+
+    def free(t: float, q: np.ndarray) -> np.ndarray:
+        return np.array([0.0, strength * np.sin(omega * t)]) - stiffness @ q
+
+    def forces(t: float, q: np.ndarray, status: np.ndarray) -> np.ndarray:
+        """Return friction forces: the mass matrix is diagonal, so each stuck one is known by itself."""
+        pull = m * np.array([swing * slow * np.cos(slow * t), 0.0])
+        return np.where(status == 0, free(t, q) - pull, status * limits)
+
+    def chosen(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        reaction, slip = forces(t, q, np.zeros(2)), v - belt(t)
+        rest = np.where(np.abs(reaction) <= statics, 0.0, np.sign(reaction))
+        return np.where(np.abs(slip) < 1e-9, rest, np.sign(slip))
+
+    t, q, v = 0.0, np.zeros(2), np.zeros(2)
+    status, found = chosen(t, q, v), [np.zeros(3)]
+    while t < t_end:
+
+        def rates(t: float, y: np.ndarray, status: np.ndarray = status) -> np.ndarray:
+            return np.concatenate([y[2:], (free(t, y[:2]) - forces(t, y[:2], status)) / m])
+
+        events: list[Any] = []
+        for j in range(2):
+            for sign in (1.0, -1.0) if status[j] == 0 else (status[j],):
+
+                def leave(
+                    t: float, y: np.ndarray, j: int = j, sign: float = sign, status: np.ndarray = status
+                ) -> float:
+                    if status[j] == 0:
+                        return float(sign * forces(t, y[:2], status)[j] - statics[j])
+                    return float(-sign * (y[2:] - belt(t))[j])
+
+                leave.terminal, leave.direction = True, 1.0  # type: ignore[attr-defined]
+                events.append((j, sign, leave))
+        step = solve_ivp(rates, (t, t_end), np.concatenate([q, v]), method="DOP853", rtol=1e-12, atol=1e-14,
+                         events=[e for _, _, e in events], max_step=0.02,
+                         t_eval=result.times[result.times > t])  # fmt: skip
+        found += [np.array([s, *y[:2]]) for s, y in zip(step.t, np.transpose(step.y), strict=True)]
+        hits = [(times[0], n) for n, times in enumerate(step.t_events) if times.size]
+        if not hits:
+            break
+        t, n = min(hits)
+        y = step.y_events[n][0]
+        q, v, (j, sign, _) = y[:2].copy(), y[2:].copy(), events[n]
+        status = status.copy()
+        if status[j] == 0:
+            status[j] = sign
+        else:
+            v[j] = belt(t)[j]
+            status[j] = chosen(t, q, v)[j]
+    motion = np.array(found)
+    np.testing.assert_array_equal(motion[:, 0], result.times)
+    mine = np.array([result.displacement(one), result.displacement(two)])
+    np.testing.assert_allclose(mine, motion[:, 1:].T, atol=1e-9)
+    assert result.frictions["b"].stops.size + result.frictions["g"].stops.size > 2
+    assert balance(result) < 1e-12
+
+
+def test_sliders_that_hold_each_other_share_the_load() -> None:
+    """Two sliders in a row on one beam, both stuck: reactions are those of a beam on two supports until one breaks."""
+    beam = vf.Beam(1.0, 10.0, 0.5, 4, {"left": "clamped"}, name="beam")
+    pads = [vf.Friction(beam.at(x), coefficient=0.5, normal=4.0, name=f"pad {x:g}") for x in (0.5, 1.0)]
+    load = vf.PointLoad(beam.at(0.75), vf.Ramp(5.0))
+    scene = vf.Scene([beam], [*pads, load, vf.RayleighDamping(0.0, 1e-3)])
+    result = run(scene, 1.2)
+    first, second = (result.frictions[pad.name] for pad in pads)
+    assert first.breaks.size
+    assert second.breaks.size
+    early = result.times < min(first.breaks[0], second.breaks[0])
+    assert np.all(first.slip_speed[early] == 0.0)
+    assert np.all(np.abs(first.force) <= 2.0 * (1.0 + 1e-12))
+    assert np.all(np.abs(second.force) <= 2.0 * (1.0 + 1e-12))
+    # Once both slide, their forces are at the limit.
+    assert first.force[-1] == pytest.approx(2.0)
+    assert balance(result) < 1e-11
+
+
+def test_friction_beside_contacts_and_rigid_stops(tmp_path: Path) -> None:
+    """A block that slides against an elastic stop on one side and a rigid one on the other; loaded, the same."""
+    block = vf.Mass(1.0, stiffness=5.0, name="block")
+    effects = [
+        vf.Friction(block, coefficient=0.2, normal=2.0, name="plane"),
+        vf.Contact(block, gap=0.1, stiffness=500.0, damping=1.0, side="above", acts_on="penetration", name="soft"),
+        vf.RigidStop(block, gap=0.15, restitution=0.7, side="below", name="hard"),
+        vf.PointLoad(block, vf.Sine(4.0, 3.0)),
+    ]
+    result = run(vf.Scene([block], effects), 10.0)
+    assert result.contacts["soft"].closings.size > 3
+    assert len(result.contacts["hard"].impacts) > 3
+    assert result.displacement(block).min() > -0.15 - 1e-14
+    assert result.contact_samples.force.shape == (2, result.times.size)
+    assert balance(result) < 1e-12
+    lost = result.frictions["plane"].dissipated[-1] + result.contacts["hard"].impacts.absorbed.sum()
+    assert result.energy.dissipated[-1] > lost
+    loaded = vf.load(result.save(tmp_path / "block.vtkhdf"))
+    for name in ("force", "slip_speed", "status", "dissipated", "stops", "breaks"):
+        one, other = (getattr(run.frictions["plane"], name) for run in (result, loaded))
+        np.testing.assert_array_equal(one, other)
+
+
+def test_an_interrupted_run_continues_with_the_same_bits() -> None:
+    """A run that goes on from a snapshot in the middle, sliders, impacts and all."""
+    block = vf.Mass(1.0, stiffness=5.0, name="block")
+    effects = [
+        vf.Friction(block, coefficient=0.2, normal=2.0, name="plane"),
+        vf.Friction(block, coefficient=0.1, static=0.15, normal=2.0, stiffness=300.0, name="spring"),
+        vf.RigidStop(block, gap=0.15, restitution=0.7, side="below", name="hard"),
+        vf.PointLoad(block, vf.Sine(4.0, 3.0)),
+    ]
+    scene, times = vf.Scene([block], effects), np.linspace(0.0, 10.0, 101)
+    system, start = scene.model.system, scene.initial_state()
+    kept: list[Any] = []
+
+    def watch(time: float, snapshot: Any, cut: bool) -> None:
+        if 4.0 < time < 6.0:
+            kept.append(copy.deepcopy(snapshot()))
+
+    whole = event_driven.run(system, start, 10.0, times, observer=watch)
+    assert len(kept) > 3
+    for snapshot in kept[:4]:
+        again = event_driven.run(system, start, 10.0, times, resume=snapshot)
+        np.testing.assert_array_equal(again.segments.starts, whole.segments.starts)
+        np.testing.assert_array_equal(again.segments.displacement, whole.segments.displacement)
+
+
+def test_sliders_in_scene_files_and_refusals(tmp_path: Path) -> None:
+    """Everything that cannot take a slider names it, and says what can."""
+    mass = vf.Mass(1.0, stiffness=10.0, name="mass")
+    pad = vf.Friction(mass, coefficient=0.3, static=0.4, normal=2.0, belt=vf.Sine(0.1, 2.0), name="pad")
+    scene = vf.Scene([mass], [pad, vf.PointLoad(mass, vf.Sine(3.0, 2.0))])
+    vf.dump_scene(scene, tmp_path / "scene.toml")
+    again = vf.load_scene(tmp_path / "scene.toml").scene
+    first, second = run(scene, 3.0), run(again, 3.0)
+    np.testing.assert_array_equal(first.displacement(mass), second.displacement(again.bodies[0]))
+    assert "coefficient 0.3, 0.4 at break-away" in str(vf.explain(scene))
+    for method in ("energy_conserving", "generalized_alpha", "central_difference"):
+        with pytest.raises(vf.MethodError, match=r"Friction 'pad'.*event_driven"):
+            vf.simulate(scene, 1.0, dt=0.01, method=method)
+    for ask in (
+        lambda: vf.equilibrium(scene),
+        lambda: vf.periodic(scene),
+        lambda: vf.periodic(scene, harmonics=3),
+        lambda: vf.sensitivities(first, [vf.Parameter(mass, "stiffness")]),
+    ):
+        with pytest.raises(vf.VofemError, match="Friction 'pad'"):
+            ask()
+    with pytest.raises(vf.ArgumentError, match=r"static is 0.2, expected a number not below coefficient = 0.3"):
+        vf.Friction(mass, coefficient=0.3, static=0.2, normal=1.0)
+    twin = vf.Scene([mass], [pad, vf.Friction(mass, coefficient=0.1, normal=1.0, name="twin")])
+    with pytest.raises(vf.MethodError, match=r"'pad' and Friction 'twin' act on coordinates that depend on each other"):
+        run(twin, 1.0)
+    odd = vf.Scene([mass], [vf.Friction(mass, coefficient=0.3, normal=1.0, belt=lambda t: t**2, name="odd")])
+    with pytest.raises(vf.MethodError, match="'odd': the speed of its belt has no closed form"):
+        run(odd, 1.0)

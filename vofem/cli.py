@@ -1,0 +1,701 @@
+"""The command line: ``vofem run``, ``explain``, ``verify`` and more. Only this module prints and ends processes.
+
+The first Ctrl-C ends the step that is being computed or the file that is being written. A command then writes what it
+has, and returns 130. The second Ctrl-C ends the process. Python hears of Ctrl-C when machine code, such as that of a
+compiler or an eigenproblem, has returned to it.
+
+Modules of vofem are imported by the command that needs them, so that ``vofem --version`` need not wait for the others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from vofem._version import __version__
+from vofem.errors import ArgumentError, OutputError, VofemError
+
+if TYPE_CHECKING:
+    from vofem.io.scene_file import SceneFile
+    from vofem.io.scenes.settings import OutputSettings
+    from vofem.io.study_file import StudyFile
+    from vofem.result import Result
+    from vofem.studies.steady import Branch
+    from vofem.studies.sweep import Sweep
+
+__all__ = ["FAULT", "FINE", "INTERRUPTED", "main", "script"]
+
+#: Where a command adds its parser.
+Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+
+#: Exit codes of success and of an error that vofem has reported. argparse takes 2 for wrong usage.
+FINE, FAULT, INTERRUPTED = 0, 1, 130
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit code."""
+    before, presses = signal.getsignal(signal.SIGINT), _Presses()
+    # A process that was started in the background ignores Ctrl-C.
+    handled = before is signal.default_int_handler and threading.current_thread() is threading.main_thread()
+    if handled:
+        signal.signal(signal.SIGINT, presses)
+    try:
+        return _code(argv, presses)
+    finally:
+        if handled:
+            signal.signal(signal.SIGINT, before)
+
+
+def script() -> int:
+    """Run the command of this process and return its exit code."""
+    code = main()
+    # While the interpreter ends, Ctrl-C would only add a traceback.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return code
+
+
+class _Presses:
+    """The handler of Ctrl-C in a command, which counts how often it was pressed.
+
+    Runs and other loops defer the first press to the end of a step; see `vofem.integrators.observer`.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def __call__(self, number: int, frame: Any) -> None:
+        """Interrupt the command, or end the process: no exception can get lost then."""
+        self.count += 1
+        if self.count == 1:
+            raise KeyboardInterrupt
+        whole = sys.modules.get("vofem.files.whole")
+        if whole is not None:
+            whole.remove_unfinished()
+        # A bar of progress may have hidden the cursor.
+        cursor = "\x1b[?25h\n" if sys.stderr.isatty() else ""
+        with contextlib.suppress(OSError):
+            os.write(2, f"{cursor}vofem: interrupted\n".encode())
+        os._exit(INTERRUPTED)
+
+
+def _code(argv: Sequence[str] | None, presses: _Presses) -> int:
+    """Run a command, turn errors into messages, and return its exit code."""
+    try:
+        code = run_command(argv)
+        sys.stdout.flush()
+        return code
+    except KeyboardInterrupt:
+        pass
+    except VofemError as error:
+        print(f"vofem: {error}", file=sys.stderr)
+        return FAULT
+    except BrokenPipeError:
+        # The program that reads the output has ended, as in `vofem explain ... | head`, so nothing more can be printed.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FINE
+    except Exception:
+        # Code in C, such as that of matplotlib, may turn a KeyboardInterrupt into another error.
+        if not presses.count:
+            raise
+    print("vofem: interrupted", file=sys.stderr)
+    return INTERRUPTED
+
+
+# -- what commands share
+
+
+def _command(commands: Commands, handler: Callable[[argparse.Namespace], int], what: str) -> argparse.ArgumentParser:
+    """Add the command that a handler is named after, and return its parser."""
+    parser = commands.add_parser(handler.__name__.removeprefix("_"), help=what)
+    parser.set_defaults(command=handler)
+    return parser
+
+
+def _wrote(paths: Iterable[Path]) -> None:
+    """Say which files were written."""
+    print("\nwrote " + "\n      ".join(str(path) for path in paths))
+
+
+def _print_method(file: SceneFile, wanted: str | None) -> None:
+    """Say which method is used, where it is not the one that vofem would choose."""
+    method = wanted or (file.run.method if file.run is not None else "auto")
+    if method != "auto":
+        print(f"This run: {method}, as the {'command line' if wanted else 'scene file'} says")
+
+
+def _limits(file: SceneFile) -> tuple[float | None, float | None]:
+    """Return duration in s and tolerance that a file asks for, by which a method is chosen."""
+    arguments = file.run.arguments() if file.run is not None else {}
+    return arguments.get("t_end"), arguments.get("tol")
+
+
+def _output(arguments: argparse.Namespace, source: Path) -> Path:
+    """Return the folder for what is written, by default one named after the file that is read."""
+    return _made(arguments.output or Path("output") / source.stem)
+
+
+def _made(folder: Path) -> Path:
+    """Return a folder, made where it is missing."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"the folder {folder} cannot be made: {error.strerror or error}") from error
+    return folder
+
+
+def _write(result: Result, output: OutputSettings, folder: Path) -> Iterator[Path]:
+    """Write the histories of a run; return the files one by one."""
+    from vofem.io.csv_file import write_csv, write_probes
+    from vofem.io.run_pictures import history_points
+
+    yield write_csv(result, history_points(result.scene, output), folder / "histories.csv")
+    if result.recorded is not None:
+        yield write_probes(result, folder / "probes.csv")
+
+
+def _draw(result: Result, output: OutputSettings, folder: Path, snapshot: bool) -> Iterator[Path]:
+    """Draw the pictures that a scene file asks for, and a snapshot if it is wanted; return the files one by one.
+
+    A snapshot that cannot be drawn is left out, and the reason is printed.
+    """
+    from vofem.io.pictures.histories import time_history
+    from vofem.io.render import render
+    from vofem.io.run_pictures import history_points, picture_times
+
+    points, times = history_points(result.scene, output), picture_times(result, output)
+    for k, point in enumerate(points, start=1):
+        history = time_history(result, point, folder / _numbered("history", k, len(points)))
+        if len(points) > 1:
+            print(f"{history.name}: {point.name}")
+        yield history
+    for k, t in enumerate(times, start=1):
+        yield render(result, t, folder / _numbered("scene", k, len(times)))
+    if snapshot:
+        from vofem.io.space import snapshot as drawn
+
+        try:
+            yield drawn(result, times[0] if times else result.times[-1], folder / "snapshot.png")
+        except OutputError as error:
+            print(f"left out: {error}")
+
+
+def _numbered(name: str, k: int, count: int) -> str:
+    """Return the name of the k-th of some pictures."""
+    return f"{name}.png" if count == 1 else f"{name}-{k}.png"
+
+
+# -- vofem run
+
+
+def _add_run(commands: Commands) -> None:
+    from vofem.integrators.registry import method_names
+
+    run = _command(commands, _run, "simulate a scene file; write histories and pictures")
+    run.add_argument("scene", type=Path, help="scene file, TOML")
+    run.add_argument("--output", type=Path, help="folder for what is written (output/NAME of the scene file)")
+    run.add_argument("--method", help=f"{', '.join(('auto', *method_names()))}; instead of the file's")
+    run.add_argument("--t-end", type=float, help="in s, instead of the file's")
+    run.add_argument(
+        "--t-start", type=float, help="time of the loads at which the run begins, s, instead of the file's"
+    )
+    run.add_argument("--dt", type=float, help="in s, instead of the file's")
+    run.add_argument("--no-pictures", action="store_true", help="write numbers only")
+    run.add_argument("--snapshot", action="store_true", help="draw snapshot.png in three dimensions too, with VTK")
+    run.add_argument("--save", type=Path, metavar="RUN", help="file .vtkhdf for the whole run; ParaView opens it too")
+    run.add_argument("--overwrite", action="store_true", help="let --save replace a file")
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from vofem.blas import blas_threads
+    from vofem.io.scene_file import load_scene
+    from vofem.simulate.explanation import explain
+
+    file = load_scene(arguments.scene)
+    print(explain(file.scene, *_limits(file)))
+    _print_method(file, arguments.method)
+    print(flush=True)
+    # The folder is made first, so that a long run does not end because it cannot be made.
+    folder = _output(arguments, arguments.scene)
+    if arguments.save is not None:
+        from vofem.io.storage.run_file import check_target
+
+        check_target(arguments.save, arguments.overwrite)
+    with blas_threads(file.scene.model.system.size):
+        return _simulated(arguments, file, folder)
+
+
+def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path) -> int:
+    """Run, print tables, write what is wanted; return the exit code."""
+    from vofem.integrators.observer import deferred_interrupts
+    from vofem.io import tables
+
+    result = file.simulate(**_changes(arguments, file))
+    interrupted = result.interrupted
+    # Forces of impacts, energies and pictures may take as long as the run, and a user who has pressed Ctrl-C does not
+    # want to wait.
+    if interrupted:
+        print(
+            "interrupted: speeds and forces of impacts, energies and pictures are left out; Ctrl-C ends at once",
+            flush=True,
+        )
+    try:
+        print(tables.counter_line(result), end="\n\n")
+        print(tables.contact_tables(result, forces=not interrupted), end="\n\n", flush=True)
+        if not interrupted:
+            print(tables.energy_table(result))
+    except KeyboardInterrupt:
+        # The run is complete, so its histories are written.
+        interrupted = True
+        print("interrupted: what is not printed yet and pictures are left out", flush=True)
+    for note in result.notes:
+        print(f"note: {note}")
+    written: list[Path] = []
+    # Ctrl-C waits for the files of numbers, or for the picture that is being drawn.
+    with deferred_interrupts() as pressed:
+        if arguments.save is not None:
+            written.append(result.save(arguments.save, overwrite=arguments.overwrite))
+        written += _write(result, file.output, folder)
+        interrupted = interrupted or pressed()
+        if not (interrupted or arguments.no_pictures):
+            for path in _draw(result, file.output, folder, arguments.snapshot):
+                written.append(path)
+                interrupted = pressed()
+                if interrupted:
+                    print("interrupted: pictures that are not listed here are left out")
+                    break
+    _wrote(written)
+    return INTERRUPTED if interrupted else FINE
+
+
+def _changes(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:
+    """Return what the command line says instead of the file."""
+    import numpy as np
+
+    given = {"method": arguments.method, "t_end": arguments.t_end, "t_start": arguments.t_start, "dt": arguments.dt}
+    changes = {name: value for name, value in given.items() if value is not None}
+    times = None if file.run is None else file.run.arguments()["times"]
+    if file.run is not None and times is not None and "t_end" in changes:
+        t_end = changes["t_end"]
+        within = [t for t in np.asarray(times, dtype=float).tolist() if t <= t_end]
+        # A single time gives no history.
+        kept = len(within) > 1
+        changes["times"] = within if kept else None
+        if len(within) < len(times):
+            what = "these are kept" if kept else "results are stored as if the file gave none"
+            print(f"note: {len(within)} of the {len(times)} times of the file lie within --t-end; {what}", flush=True)
+        elif max(within) < t_end and t_end > file.run.t_end:
+            print(
+                f"note: the times of the file end at {max(within):g} s, so no states are stored between there and "
+                f"--t-end at {t_end:g} s; take times out of the file, or let them go on to {t_end:g} s",
+                flush=True,
+            )
+    return changes
+
+
+# -- vofem render
+
+
+def _add_render(commands: Commands) -> None:
+    render = _command(commands, _render, "draw pictures of a saved run")
+    render.add_argument("run", type=Path, help="file that vofem run --save or Result.save has written")
+    render.add_argument("--output", type=Path, help="folder for the pictures (output/NAME of the run)")
+    render.add_argument("--movie", type=Path, metavar="PATH", help="write a movie instead: .webp, .gif or .mp4")
+    render.add_argument("--view", default="side", help="of the movie: side, history or phase")
+    render.add_argument("--speed", type=float, help="seconds of the run in a second of the movie; 1 is real time")
+    render.add_argument("--frames", type=int, help="number of frames, instead of --speed (150)")
+    render.add_argument("--point", metavar="BODY@X", help="of histories and phase portraits")
+    render.add_argument("--snapshot", action="store_true", help="draw snapshot.png in three dimensions too, with VTK")
+    render.add_argument("--times", type=float, nargs="+", default=[], metavar="T", help="of side views, in s")
+
+
+def _render(arguments: argparse.Namespace) -> int:
+    if arguments.movie is not None:
+        return _movie(arguments)
+    from vofem.io.scenes.settings import OutputSettings
+    from vofem.io.storage.run_file import load
+
+    result = load(arguments.run)
+    for t in arguments.times:
+        if not 0.0 <= t <= result.solution.t_end:
+            raise ArgumentError(f"--times holds {t:g}, expected times from 0 to {result.solution.t_end:g} s")
+    folder = _output(arguments, arguments.run)
+    written = list(_draw(result, OutputSettings(pictures=tuple(arguments.times)), folder, arguments.snapshot))
+    print("wrote " + "\n      ".join(str(path) for path in written))
+    return FINE
+
+
+def _movie(arguments: argparse.Namespace) -> int:
+    """Write a movie; return the exit code."""
+    from vofem.io.movies.animate import animate
+    from vofem.io.scene_file import point_named
+    from vofem.io.storage.run_file import load
+
+    if arguments.times:
+        raise ArgumentError("--times are those of pictures; leave them out with --movie, or --movie with them")
+    result = load(arguments.run)
+    point = None if arguments.point is None else point_named(result.scene, arguments.point)
+    outcome = animate(
+        result, arguments.movie, arguments.view, point=point, speed=arguments.speed, frames=arguments.frames
+    )
+    print(
+        f"wrote {outcome.path}: {outcome.frames} frames, {outcome.seconds:.3g} s, {outcome.speed:.3g} s of the run a "
+        "second"
+    )
+    return FINE
+
+
+# -- vofem respond
+
+
+def _add_respond(commands: Commands) -> None:
+    respond = _command(commands, _respond, "follow steady states along a parameter; write curve and branch")
+    respond.add_argument("scene", type=Path, help="scene file, TOML, with a table [respond]")
+    respond.add_argument("--from", dest="start", type=float, required=True, help="value at which the branch begins")
+    respond.add_argument("--to", dest="stop", type=float, required=True, help="value at which it ends")
+    respond.add_argument("--output", type=Path, help="folder for what is written (output/NAME of the scene file)")
+    respond.add_argument("--point", metavar="BODY@X", help="whose amplitude is drawn, instead of the file's")
+    respond.add_argument("--periods", type=int, help="periods of the loads that an orbit takes, instead of the file's")
+    respond.add_argument("--method", help="auto, shooting or harmonic_balance; instead of the file's")
+    respond.add_argument("--harmonics", type=int, help="of harmonic balance, instead of the file's")
+    respond.add_argument("--no-pictures", action="store_true", help="write numbers only")
+    respond.add_argument("--overwrite", action="store_true", help="replace a branch that was written before")
+
+
+def _respond(arguments: argparse.Namespace) -> int:
+    from vofem.integrators.observer import deferred_interrupts
+    from vofem.io.scene_file import load_scene
+    from vofem.studies.steady import continuation
+
+    file = load_scene(arguments.scene)
+    # Raises for missing arguments before any work is done.
+    file.at(arguments.start)
+    point, options = _branch_point(arguments, file), _branch_options(arguments, file)
+    assert file.respond is not None
+    folder = _output(arguments, arguments.scene)
+    saved = folder / "branch.h5"
+    if saved.exists() and not arguments.overwrite:
+        raise ArgumentError(f"{saved} exists; add --overwrite, or choose another folder by --output")
+    branch = continuation(
+        file.at, arguments.start, arguments.stop, progress=True if sys.stderr.isatty() else None, **options
+    )
+    written = []
+    # Ctrl-C waits for the file that is being written, and ends the command then. After an interrupted continuation, the
+    # numbers are written and the pictures are not.
+    with deferred_interrupts() as pressed:
+        written.append(branch.save(saved, overwrite=True))
+        interrupted = branch.interrupted
+        for path in _branch_files(branch, point, folder, file.respond.parameter[0], not arguments.no_pictures):
+            written.append(path)
+            interrupted = interrupted or pressed()
+            if interrupted:
+                print("interrupted: what is not listed here is left out")
+                break
+    _wrote(written)
+    return INTERRUPTED if interrupted else FINE
+
+
+def _branch_files(branch: Branch, point: Any, folder: Path, name: str, pictures: bool) -> Iterator[Path]:
+    """Print and write what is shown of a branch, one file after the other; return their paths."""
+    from vofem.io.branch_tables import branch_table, write_branch
+
+    print(branch_table(branch, point, name))
+    for note in branch.notes:
+        print(f"note: {note}")
+    yield write_branch(branch, point, folder / "branch.csv", name)
+    if pictures:
+        from vofem.io.plot import multipliers, response_curve
+
+        yield response_curve(branch, point, folder / "response.png", parameter=name)
+        if all(orbit.multipliers is not None for orbit in branch.orbits):
+            yield multipliers(branch, folder / "multipliers.png")
+
+
+def _branch_options(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:
+    """Return options of the continuation: the command line's, else the file's."""
+    assert file.respond is not None
+    names = ("periods", "method", "harmonics")
+    given = {name: getattr(arguments, name) for name in names}
+    return {name: getattr(file.respond, name) if value is None else value for name, value in given.items()}
+
+
+def _branch_point(arguments: argparse.Namespace, file: SceneFile) -> Any:
+    """Return the point whose amplitude is drawn: the one asked for, that of the first contact, or a body's."""
+    from vofem.io.run_pictures import history_points
+    from vofem.io.scene_file import point_named
+
+    assert file.respond is not None
+    if arguments.point is not None:
+        return point_named(file.scene, arguments.point)
+    return file.respond.point or history_points(file.scene, file.output)[0]
+
+
+# -- vofem sweep
+
+
+def _add_sweep(commands: Commands) -> None:
+    sweep = _command(commands, _sweep, "run a scene file for many values of its keys; go on where it stopped")
+    sweep.add_argument("study", type=Path, help="scene file with a table [sweep], TOML")
+    sweep.add_argument("--output", type=Path, help="folder for what is written (output/NAME of the study file)")
+    sweep.add_argument("--workers", type=int, metavar="N", help="processes (as many as there are processors)")
+    sweep.add_argument("--scheduler", metavar="ADDRESS", help="of dask.distributed, instead of processes")
+    sweep.add_argument("--time-limit", type=float, metavar="S", help="wall time that a point may take, s")
+    sweep.add_argument("--retry-failed", action="store_true", help="compute points again that failed before")
+    sweep.add_argument("--no-pictures", action="store_true", help="write numbers only")
+
+
+def _sweep(arguments: argparse.Namespace) -> int:
+    from vofem.io.study_file import load_study
+    from vofem.io.sweep_tables import write_sweep
+    from vofem.studies.sweep import SweepInterrupted
+    from vofem.studies.sweep.sweeping import sweep
+
+    study = load_study(arguments.study)
+    print(_study_summary(study), flush=True)
+    folder = _output(arguments, arguments.study)
+    store = folder / "sweep.h5"
+    try:
+        with _executor(arguments.scheduler) as executor:
+            table = sweep(
+                study.function(), study.values, executor=executor, store=store, workers=arguments.workers,
+                time_limit=arguments.time_limit, retry_failed=arguments.retry_failed,
+            )  # fmt: skip
+    except SweepInterrupted as interrupted:
+        done = sum(interrupted.sweep.counters[name] for name in ("computed", "stored"))
+        print(f"stopped after {done} points, which are kept in {store}; the same command goes on from there")
+        raise
+    print(_study_outcome(table))
+    for one in table.failed[:5]:
+        print(f"failed: {one}")
+    for note in table.notes:
+        print(f"note: {note}")
+    written = [store, write_sweep(table, folder / "sweep.csv")]
+    pressed = False
+    try:
+        if not arguments.no_pictures:
+            written += _study_pictures(table, folder)
+    except KeyboardInterrupt:
+        pressed = True
+        print("interrupted: the picture is left out")
+    _wrote(written)
+    if pressed:
+        return INTERRUPTED
+    return FAULT if len(table.failed) == len(table.points.rows) else FINE
+
+
+def _study_summary(study: StudyFile) -> str:
+    lines = [f"{name}: {len(series)} values, {series[0]} ... {series[-1]}" for name, series in study.values.items()]
+    return "\n".join([*lines, f"measured: {', '.join(study.measure)}"])
+
+
+def _study_outcome(table: Sweep) -> str:
+    counters = table.counters
+    seconds = table.seconds.sum()
+    kept = f", {counters['stored']} of them kept from before" if counters["stored"] else ""
+    return f"{len(table.points.rows)} points{kept}; {len(table.failed)} failed; {seconds:.3g} s of computing in all"
+
+
+@contextlib.contextmanager
+def _executor(address: str | None) -> Iterator[Any]:
+    """Give the client of a scheduler, or None for processes."""
+    if address is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ArgumentError("--scheduler needs dask.distributed; install vofem[distributed]") from None
+    try:
+        client = Client(address, timeout=10)
+    except (OSError, ValueError) as error:
+        raise ArgumentError(f"--scheduler: no scheduler answers at {address} ({error}); check the address") from None
+    with client:
+        yield client
+
+
+def _study_pictures(table: Sweep, folder: Path) -> list[Path]:
+    from vofem.io.pictures.sweeps import sweep_curves
+
+    try:
+        return [sweep_curves(table, folder / "sweep.png")]
+    except ArgumentError as error:
+        print(f"no picture: {error}")
+        return []
+
+
+# -- vofem verify
+
+
+def _add_verify(commands: Commands) -> None:
+    from vofem.integrators.registry import method_names
+
+    verify = _command(commands, _verify, "run the catalogue of hard and published cases on this machine")
+    methods = ", ".join((*method_names(), "equilibrium", "modes", "shooting", "harmonic_balance"))
+    verify.add_argument("--method", help=f"only {methods}")
+    verify.add_argument("--case", metavar="PATTERN", help="number of a hard case, or a part of a name or a source")
+    verify.add_argument(
+        "--markdown", type=Path, metavar="FILE", help="write a summary there, .md, and tables beside it"
+    )
+    verify.add_argument("--junit", type=Path, metavar="FILE", help="write JUnit XML there, .xml")
+    verify.add_argument("--quick", action="store_true", help="leave out runs that take long")
+
+
+def _verify(arguments: argparse.Namespace) -> int:
+    from vofem.files.whole import target, write_text
+    from vofem.verification import FAILED, catalogue, select, verify
+    from vofem.verification.report import junit, markdown, markdown_details, summary, text_header, text_lines
+
+    # The file is checked first, so that minutes of runs do not end because it cannot be written.
+    files: list[tuple[Path, str, Callable[..., str]]]
+    files = [] if arguments.junit is None else [(arguments.junit, ".xml", junit)]
+    if arguments.markdown is not None:
+        beside = arguments.markdown.with_name(f"{arguments.markdown.stem}-details.md")
+        files.append((arguments.markdown, ".md", partial(markdown, details=beside.name)))
+        files.append((beside, ".md", markdown_details))
+    for file, suffix, _ in files:
+        _made(target(file, (suffix,)).parent)
+    outcomes = []
+    chosen = select(catalogue(), arguments.case)
+    print(text_header(), flush=True)
+    for outcome in verify(chosen, arguments.method, arguments.quick):
+        outcomes.append(outcome)
+        print(text_lines(outcome), flush=True)
+    if not outcomes:
+        raise ArgumentError("verify: no case that was chosen has to do with that method; leave out --method or --case")
+    print(f"\n{summary(outcomes)}")
+    written = [write_text(file, form(outcomes)) for file, _, form in files]
+    if written:
+        print("wrote " + "\n      ".join(str(path) for path in written))
+    return FAULT if any(outcome.verdict == FAILED for outcome in outcomes) else FINE
+
+
+# -- vofem accuracy
+
+
+def _add_accuracy(commands: Commands) -> None:
+    from vofem.integrators.registry import method_names
+
+    accuracy = _command(commands, _accuracy, "measure what accuracy costs in time; write a table and a figure")
+    accuracy.add_argument("scene", type=Path, help="scene file, TOML")
+    accuracy.add_argument("--output", type=Path, help="folder for what is written (output/NAME of the scene file)")
+    accuracy.add_argument("--t-end", type=float, help="in s, instead of the file's")
+    accuracy.add_argument("--tolerance", type=float, default=1e-6, help="of the largest displacement, for the advice")
+    accuracy.add_argument("--methods", nargs="+", metavar="METHOD", help=", ".join(method_names()))
+    accuracy.add_argument("--dt", type=float, nargs="+", metavar="DT", help="steps in s")
+    accuracy.add_argument("--tol", type=float, nargs="+", default=[], metavar="TOL", help="of methods that follow it")
+    accuracy.add_argument("--elements", type=int, nargs="+", metavar="N", help="of all beams together")
+    accuracy.add_argument("--point", metavar="BODY@X", help="whose displacement is compared (the first contact's)")
+    accuracy.add_argument("--repeats", type=int, default=3, help="runs of which the shortest time counts (3)")
+    accuracy.add_argument("--cap", type=float, default=10.0, help="seconds that a run may take (10)")
+    accuracy.add_argument("--workers", type=int, default=1, help="processes for what is not timed (1)")
+
+
+def _accuracy(arguments: argparse.Namespace) -> int:
+    from vofem.io.plot import work_precision as draw
+    from vofem.io.scene_file import load_scene, point_named
+    from vofem.io.study_tables import study_table, write_study
+    from vofem.studies.accuracy import work_precision
+
+    file = load_scene(arguments.scene)
+    t_end = arguments.t_end if arguments.t_end is not None else file.run.t_end if file.run is not None else None
+    if t_end is None:
+        raise ArgumentError(f"{file.path} does not say how long to run; add t_end to a table [run], or give --t-end")
+    folder = _output(arguments, arguments.scene)
+    study = work_precision(
+        file.scene, t_end, methods=arguments.methods, dt=arguments.dt, tol=arguments.tol, elements=arguments.elements,
+        point=None if arguments.point is None else point_named(file.scene, arguments.point),
+        repeats=arguments.repeats, cap=arguments.cap, workers=arguments.workers,
+        progress=show_progress if sys.stderr.isatty() else None,
+    )  # fmt: skip
+    print(study_table(study), end="\n\n")
+    print(study.advice(arguments.tolerance))
+    written = [write_study(study, folder / "accuracy.csv")]
+    if study.runs:
+        paths = [folder / f"accuracy.{kind}" for kind in ("png", "svg")]
+        written += [draw(study, path, arguments.scene.stem) for path in paths]
+    _wrote(written)
+    return FINE
+
+
+def show_progress(done: int, total: int, what: str) -> None:
+    """Show the progress of a study on one line of the terminal."""
+    text = f"{done} of {total}  {what}" if what else ""
+    sys.stderr.write(f"\r\x1b[K{text}")
+    sys.stderr.flush()
+
+
+# -- vofem explain, vofem compile, vofem doctor, and the parser of all
+
+
+def run_command(argv: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit code; errors and Ctrl-C are for the caller."""
+    arguments = _parser().parse_args(argv)
+    code: int = arguments.command(arguments)
+    return code
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="vofem", description="Beams and masses that hit, rattle and yield.")
+    parser.add_argument("--version", action="version", version=f"vofem {__version__}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    for add in (
+        _add_run, _add_render, _add_explain, _add_respond, _add_sweep, _add_verify, _add_accuracy, _add_compile,
+        _add_doctor,
+    ):  # fmt: skip
+        add(commands)
+    return parser
+
+
+def _add_explain(commands: Commands) -> None:
+    explain = _command(commands, _explain, "say what would be simulated, how, and what not")
+    explain.add_argument("scene", type=Path, help="scene file, TOML")
+
+
+def _explain(arguments: argparse.Namespace) -> int:
+    from vofem.io.scene_file import load_scene
+    from vofem.simulate.explanation import explain
+
+    file = load_scene(arguments.scene)
+    print(explain(file.scene, *_limits(file)))
+    _print_method(file, None)
+    return FINE
+
+
+def _add_compile(commands: Commands) -> None:
+    _command(commands, _compile, "compile all kernels ahead, so that no run has to wait for it")
+
+
+def _compile(arguments: argparse.Namespace) -> int:
+    from vofem.simulate.ahead import KINDS, cache_folder, compile_ahead
+
+    folder = cache_folder()
+    if folder is None:
+        print(
+            "vofem: compiled code cannot be kept: neither the folder of the package nor that of the user's caches can "
+            "be written. Set NUMBA_CACHE_DIR to a folder that can"
+        )
+        return FAULT
+    print(f"compiling for {len(KINDS)} kinds of work; code that is on disk already is read", flush=True)
+    for kind, seconds in compile_ahead():
+        print(f"{kind:<82} {seconds:6.1f} s", flush=True)
+    print(f"compiled code is in {folder}")
+    return FINE
+
+
+def _add_doctor(commands: Commands) -> None:
+    _command(commands, _doctor, "show versions; say whether VTK can draw without a window")
+
+
+def _doctor(arguments: argparse.Namespace) -> int:
+    from vofem.io.doctor import diagnose
+
+    found = diagnose()
+    print(found)
+    return FAULT if found.missing else FINE

@@ -1,0 +1,84 @@
+"""The history of a slider: its force, its slip, and when it stuck."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.effects.two_points import UNITS, Units
+from vofem.histories.run import Run
+from vofem.laws import FrictionLaw
+
+Array = NDArray[np.float64]
+
+
+class FrictionHistory:
+    """One slider along a run.
+
+    Histories are at the times of the run, each of shape (n_times,). For a slider that acts on rotations read rad for m,
+    and N m for N.
+
+    Attributes
+    ----------
+    name : str
+    units : Units
+        Units of force and slip.
+    """
+
+    def __init__(self, run: Run, law: FrictionLaw, index: int, units: Units = UNITS["displacement"]) -> None:
+        self._run, self._law, self._index = run, law, index
+        self.name, self.units = law.name, units
+
+    def __repr__(self) -> str:
+        return f"FrictionHistory({self.name!r}, {self.stops.size} stops, {self.breaks.size} breaks)"
+
+    @property
+    def _solution(self) -> Any:
+        return self._run.solution
+
+    @cached_property
+    def _samples(self) -> Any:
+        return self._solution.friction(self._run.times)
+
+    @property
+    def force(self) -> Array:
+        """Friction force on a against the slip speed, N."""
+        return np.asarray(self._samples.force[self._index])
+
+    @property
+    def slip_speed(self) -> Array:
+        """Speed of a relative to b, or to the belt, m/s; with a spring, its end's. It is exactly 0 while it sticks."""
+        return np.asarray(self._samples.slip_speed[self._index])
+
+    @property
+    def status(self) -> NDArray[np.int64]:
+        """1 while it slides with a positive slip speed, -1 with a negative one, and 0 while it sticks."""
+        return np.asarray(self._samples.status[self._index])
+
+    @property
+    def dissipated(self) -> Array:
+        """Energy that friction has taken since t = 0, J."""
+        return np.asarray(self._samples.dissipated[self._index])
+
+    @property
+    def wear_power(self) -> Array:
+        """Normal force times slip speed, ``N |w|``, W; the power that becomes heat is `coefficient` times that."""
+        return np.asarray(self._law.normal * np.abs(self.slip_speed))
+
+    @cached_property
+    def _transitions(self) -> tuple[Array, Array]:
+        found: tuple[Array, Array] = self._solution.transitions(self._index)
+        return found
+
+    @property
+    def stops(self) -> Array:
+        """Times in s at which the slip speed becomes zero, reversals included."""
+        return self._transitions[0]
+
+    @property
+    def breaks(self) -> Array:
+        """Times in s at which sticking ends."""
+        return self._transitions[1]

@@ -1,0 +1,370 @@
+"""Event-driven runs with sliders: the solution, and the choice of statuses at events.
+
+At an event the sliders whose slip speed is zero are undecided. Each may stick or slide in either direction. A choice is
+admissible if all reactions of stuck ones are within their limits and all others begin to move in the direction in which
+they slide, with the accelerations that follow from the choice. With equal coefficients at rest and in motion the forces
+are unique (the problem is convex); else the choice that keeps most statuses is taken.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ConvergenceError, MethodError
+from vofem.integrators.base import ContactSamples, Energies
+from vofem.integrators.event_driven.energy import work_and_dissipation
+from vofem.integrators.event_driven.modal_space import ModalSpace
+from vofem.integrators.event_driven.regime import Motion, Regime, flat
+from vofem.integrators.event_driven.sliders import DOWN, UP, Sliders, with_sliders
+from vofem.integrators.event_driven.solution import EventSolution
+from vofem.system import CLOSED, PINNED, Counters, Events, State, System
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Most sliders that may be undecided at one time.
+_MOST_UNDECIDED = 8
+
+#: A slip speed below this share of the largest one so far is zero, and so is an acceleration of its terms.
+_ZERO = 1e-11
+
+
+class FrictionSamples(NamedTuple):
+    """Sliders at some times, each of shape (n_sliders, n_times).
+
+    Attributes
+    ----------
+    force : ndarray
+        Force on a against the slip speed, N.
+    slip_speed : ndarray
+        m/s.
+    status : ndarray of int
+        1 and -1 while it slides up and down, 0 while it sticks.
+    dissipated : ndarray
+        Since t = 0, J.
+    """
+
+    force: Array
+    slip_speed: Array
+    status: Integers
+    dissipated: Array
+
+
+class SlidingSolution(EventSolution):
+    """The run of a scene with sliders, which are further rows behind those of the contacts."""
+
+    def __init__(self, system: System, space: ModalSpace, t_end: float, times: Array, counters: Counters) -> None:
+        whole = whole_system(system)
+        super().__init__(whole, space, t_end, times, counters)
+        self.given = system
+        group = system.sliders
+        assert group is not None
+        self.contact_count = 0 if system.contacts is None else len(system.contacts)
+        self.sliders = Sliders(group, self.contact_count, len(self.load_functions))
+        self.load_functions = [*self.load_functions, *self.sliders.anchors]
+        self.load_vectors = np.concatenate([self.load_vectors, np.zeros((len(group), space.size))])
+        self._speed = 0.0
+        rows = space.contacts[self.contact_count :][self.sliders.rigid]
+        if len(rows) and np.linalg.matrix_rank(rows, tol=1e-9 * np.linalg.norm(rows, axis=1).max()) < len(rows):
+            names = [group.labels[j] for j in np.flatnonzero(self.sliders.rigid)]
+            raise MethodError(
+                f"{' and '.join(names)} act on coordinates that depend on each other, so the forces of stuck sliders "
+                "are not unique; give one of them a stiffness, or join them into one"
+            )
+
+    # -- statuses -------------------------------------------------------------------------------------
+
+    def begin(self, start: State, displacement: Array, velocity: Array, fraction: float, t: float = 0.0) -> Integers:
+        """Determine the statuses at the start: contacts by their gaps, sliders by their speeds or forces."""
+        status = super().begin(start, displacement, velocity, fraction, t)
+        status[self.contact_count :] = np.where(self.sliders.rigid, PINNED, CLOSED)
+        gaps = np.zeros(len(status))
+        status, _ = self.decide(t, status, displacement, velocity, gaps, {})
+        self._initial = status
+        return status
+
+    def decide(
+        self, t: float, status: Integers, displacement: Array, velocity: Array, gaps: Array, triggered: dict[int, int]
+    ) -> tuple[Integers, Array]:
+        """Return statuses and gaps (elongations of sliders' springs) after an event.
+
+        Parameters
+        ----------
+        triggered : dict of int to int
+            Sliders whose event functions reached zero, as numbers of rows, and where this leads.
+        """
+        sliders, first = self.sliders, self.contact_count
+        status, gaps = status.copy(), gaps.copy()
+        rows = self.space.contacts[first:]
+        belt = sliders.belt(t)
+        slip = rows @ velocity - belt
+        self._speed = max(self._speed, float(np.max(np.abs(rows) @ np.abs(velocity) + np.abs(belt))))
+        still = np.abs(slip) <= _ZERO * self._speed
+        undecided = []
+        for j in range(len(sliders)):
+            at = first + j
+            sign = UP if slip[j] > 0.0 else DOWN
+            if not sliders.rigid[j]:
+                status[at] = triggered.get(at, status[at])
+                if status[at] in (UP, DOWN) and status[at] != sign and not still[j]:
+                    # An impact has turned the speed.
+                    status[at] = CLOSED
+                if status[at] in (UP, DOWN):
+                    gaps[at] = (1.0 if status[at] == UP else -1.0) * sliders.limit[j] / sliders.stiffness[j]
+                continue
+            gaps[at] = 0.0
+            if at in triggered or still[j]:
+                undecided.append(j)
+            else:
+                status[at] = sign
+        if undecided:
+            self._choose(t, status, displacement, velocity, gaps, triggered, undecided)
+        return status, gaps
+
+    def _choose(
+        self, t: float, status: Integers, displacement: Array, velocity: Array, gaps: Array, triggered: dict[int, int],
+        undecided: list[int],
+    ) -> None:  # fmt: skip
+        """Give the undecided rigid sliders their statuses."""
+        first = self.contact_count
+        orders: list[tuple[int, ...]] = []
+        for j in undecided:
+            lead = triggered.get(first + j, PINNED)
+            before = status[first + j]
+            if lead == PINNED and before in (UP, DOWN):
+                orders.append((PINNED, DOWN if before == UP else UP, before))
+            else:
+                orders.append((lead, *(one for one in (PINNED, UP, DOWN) if one != lead)))
+        if len(undecided) > _MOST_UNDECIDED:
+            raise ConvergenceError(
+                f"at t = {t:.6g} s {len(undecided)} sliders are at rest at once, {self.sliders.labels[undecided[0]]} "
+                f"among them; event_driven decides on up to {_MOST_UNDECIDED}. Give some of them a stiffness"
+            )
+        choices = sorted(product(range(3), repeat=len(undecided)), key=sum)
+        places = [first + j for j in undecided]
+        for choice in choices:
+            trial = status.copy()
+            trial[places] = [order[k] for order, k in zip(orders, choice, strict=True)]
+            if self._admissible(t, trial, displacement, velocity, gaps, triggered, undecided):
+                status[:] = trial
+                return
+        raise ConvergenceError(
+            f"at t = {t:.6g} s no status of {self.sliders.labels[undecided[0]]} agrees with its forces; rounding hides "
+            "what happens there. Give the slider a stiffness"
+        )
+
+    def _admissible(
+        self, t: float, status: Integers, displacement: Array, velocity: Array, gaps: Array, triggered: dict[int, int],
+        undecided: list[int],
+    ) -> bool:  # fmt: skip
+        sliders, first = self.sliders, self.contact_count
+        rate, reaction, size = self.accelerations(t, status, displacement, velocity, gaps)
+        held = np.flatnonzero(status == PINNED).tolist()
+        for j in undecided:
+            at = first + j
+            if status[at] == PINNED:
+                # One that breaks away is at its limit; that it may stick there is tried last.
+                if abs(reaction[held.index(at)]) > sliders.static[j] * (1.0 + 1e-12):
+                    return False
+            else:
+                sign = 1.0 if status[at] == UP else -1.0
+                if sign * rate[j] < -_ZERO * size[j] or (at not in triggered and sign * rate[j] <= _ZERO * size[j]):
+                    return False
+        return True
+
+    def accelerations(
+        self, t: float, status: Integers, displacement: Array, velocity: Array, gaps: Array
+    ) -> tuple[Array, Array, Array]:
+        """Return accelerations of the slip (k,), reactions of what is pinned, and sizes of the former's terms (k,)."""
+        space, laws, sliders, first = self.space, self.system.contacts, self.sliders, self.contact_count
+        assert laws is not None
+        load = self.load(t)
+        force = load - space.stiffness * displacement - space.damping_force(velocity)
+        push = laws.force(gaps, space.contacts @ velocity, status)
+        push[first:] += sliders.signs(status) * sliders.limit
+        force = force - push @ space.contacts
+        rows, change = space.contacts[first:], sliders.belt(t, 1)
+        size = np.abs(rows) @ (
+            np.abs(load) + space.stiffness * np.abs(displacement) + np.abs(push) @ np.abs(space.contacts)
+        )
+        held = np.flatnonzero(status == PINNED)
+        reaction = np.zeros(0)
+        if held.size:
+            target = np.concatenate([np.zeros(first), change])[held]
+            pinned = space.contacts[held]
+            reaction = np.linalg.solve(pinned @ pinned.T, pinned @ force - target)
+            force = force - reaction @ pinned
+        return rows @ force - change, reaction, size
+
+    # -- linear pieces --------------------------------------------------------------------------------
+
+    def loads_between(self, edges: Array) -> Any:
+        """Return the loads and anchors between some times, and the constant 1."""
+        from vofem.integrators.event_driven.exosystem import exosystem
+
+        return exosystem(self.load_functions, edges, constant=True)
+
+    def _regime_options(self) -> dict[str, Any]:
+        return {"sliders": self.sliders}
+
+    def loads_at(self, regime: Regime, times: Array, displacement: Array, gaps: Array) -> Array:
+        """Return states of the loads (m, 2, e) at beginnings of segments of one kind; anchors follow from the state."""
+        loads, first = self.exosystem, self.contact_count
+        place = displacement @ self.space.contacts[first:].T - gaps[:, first:]
+        return self.sliders.anchored(
+            loads.at(times), regime.function, regime.blocks.of[1, : regime.loads] ** 0.5, place
+        )
+
+    def begins(self, regime: Regime, segments: Integers) -> Array:
+        """Return the states of all blocks at the beginnings of some segments, shape (k, 2, M)."""
+        parts, starts = self.record.buffers, self.record.starts[segments]
+        displacement = parts.displacement[segments]
+        w = self.loads_at(regime, starts, displacement, parts.gaps[segments])
+        return regime.begin(displacement, parts.velocity[segments], w)
+
+    def motion(self, index: int) -> Motion:
+        """Return the closed form of the motion in a segment."""
+        regime, _ = next(iter(self.regimes(np.array([index]))))
+        start = self.begins(regime, np.array([index]))
+        displacement, velocity = regime.to_modes(start, shifted=True)
+        return Motion(regime, displacement[0], velocity[0], start[0])
+
+    # -- samples --------------------------------------------------------------------------------------
+
+    @property
+    def events(self) -> Events:
+        """The contact events in order of time; those of sliders are no part of it."""
+        return self.record.log(self._initial[: self.contact_count])
+
+    def _contact_force(self, times: Array, v: Array, s: Array) -> Array:
+        """Return the forces of contacts and sliders, shape (c, n_times)."""
+        laws, record, first = self.system.contacts, self.record, self.contact_count
+        assert laws is not None
+        force = np.zeros((len(laws), times.size))
+        segments = np.clip(np.searchsorted(record.starts, times, side="right") - 1, 0, None)
+        for regime, mine in self.regimes(segments):
+            status = record.status(int(segments[mine[0]]))
+            states = self._states(regime, segments[mine], times[mine])
+            force[:, mine] = laws.force(s[:, mine], self.space.contacts @ v[:, mine], status[:, None])
+            held = np.flatnonzero(status == PINNED)
+            if regime.reactions is not None:
+                force[np.ix_(held, mine)] = regime.reactions.row @ flat(states).T
+            assert regime.sliding is not None
+            force[np.ix_(np.arange(first, len(laws)), mine)] = regime.sliding.forces @ flat(states).T
+        return force
+
+    def _states(self, regime: Regime, segments: Integers, times: Array) -> Array:
+        """Return the states of all blocks at times in segments of one linear piece, shape (m, 2, M)."""
+        used, own = np.unique(segments, return_inverse=True)
+        begins = self.begins(regime, used)
+        return np.asarray(begins[own] + regime.changes(begins, own, times - self.record.starts[segments]))
+
+    def contacts(self, times: Array) -> ContactSamples:
+        """Return status, K_eq and force of the contacts at any times."""
+        first = self.contact_count
+        _, v, s = self._trajectory(times)
+        segments = np.clip(np.searchsorted(self.record.starts, times, side="right") - 1, 0, None)
+        status = np.array([self.record.status(int(k)) for k in segments]).reshape(times.size, -1).T[:first]
+        force = self._contact_force(times, v, s)[:first]
+        laws = self.system.contacts
+        assert laws is not None
+        stiffness = np.where(status == CLOSED, laws.stiffness[:first, None], 0.0)
+        return ContactSamples(status, np.where(status == PINNED, np.inf, stiffness), force)
+
+    def elastic_force(self, contact: int, low: Array, high: Array, fractions: Array) -> Array | None:
+        """Return None: `contacts` knows the forces."""
+        return None
+
+    def friction(self, times: Array) -> FrictionSamples:
+        """Return the sliders at any times."""
+        record, sliders, first = self.record, self.sliders, self.contact_count
+        k = len(sliders)
+        every = np.arange(record.segments)
+        at = np.append(np.clip(np.searchsorted(record.starts, times, side="right") - 1, 0, None), every)
+        t = np.append(times, record.starts + record.durations)
+        force, slip, lost = np.zeros((3, k, t.size))
+        status = np.zeros((k, t.size), dtype=np.int64)
+        for regime, mine in self.regimes(at):
+            assert regime.sliding is not None
+            used, own = np.unique(at[mine], return_inverse=True)
+            begins = self.begins(regime, used)
+            moved = regime.changes(begins, own, t[mine] - record.starts[at[mine]])
+            states = flat(begins[own] + moved)
+            signs = sliders.signs(record.status(int(at[mine[0]])))
+            force[:, mine] = regime.sliding.forces @ states.T
+            slip[:, mine] = np.where(signs[:, None] != 0.0, regime.sliding.speeds @ states.T, 0.0)
+            behind = ~sliders.rigid & (signs == 0.0)
+            slip[np.ix_(behind, mine)] = (regime.sliding.speeds @ states.T)[behind]
+            status[:, mine] = signs[:, None].astype(np.int64)
+            path = flat(moved) @ regime.coordinates[first:].T
+            lost[:, mine] = (signs * sliders.limit)[:, None] * path.T
+        ends = lost[:, times.size :] + self._broken()
+        before = np.cumsum(ends, axis=1) - ends + self._broken()
+        count = times.size
+        return FrictionSamples(
+            force[:, :count], slip[:, :count], status[:, :count], lost[:, :count] + before[:, at[:count]]
+        )
+
+    def _broken(self) -> Array:
+        """Return the energy that springs lose as sliders break away, at the beginnings of segments, (k, segments)."""
+        record, sliders, first = self.record, self.sliders, self.contact_count
+        lost = np.zeros((len(sliders), record.segments))
+        higher = (sliders.static > sliders.limit) & ~sliders.rigid
+        if not higher.any():
+            return lost
+        status = np.array([record.status(k) for k in range(record.segments)])[:, first:]
+        broken = (status[1:] >= UP) & (status[:-1] == CLOSED)
+        energy = np.where(higher, 0.5 * (sliders.static**2 - sliders.limit**2) / sliders.stiffness, 0.0)
+        lost[:, 1:] = (broken * energy).T
+        return lost
+
+    def transitions(self, slider: int) -> tuple[Array, Array]:
+        """Return the times at which sliding ends, reversals included, and those at which sticking ends, s."""
+        record = self.record
+        lasting = np.append(record.durations[:-1] > 0.0, True)
+        status = np.array([record.status(int(k))[self.contact_count + slider] for k in np.flatnonzero(lasting)])
+        starts = record.starts[lasting]
+        slides = status >= UP
+        changed = status[1:] != status[:-1]
+        return starts[1:][slides[:-1] & changed], starts[1:][~slides[:-1] & slides[1:]]
+
+    # -- energies -------------------------------------------------------------------------------------
+
+    def energies(self, times: Array) -> Energies:
+        """Return energies, dissipation and work at any times; springs of sliders count as strain."""
+        z, v, s = self._trajectory(times)
+        first, laws = self.contact_count, self.system.contacts
+        assert laws is not None
+        segments = np.clip(np.searchsorted(self.record.starts, times, side="right") - 1, 0, None)
+        status = np.array([self.record.status(int(k)) for k in segments]).reshape(times.size, -1).T
+        contact = np.sum(np.where(status == CLOSED, laws.closed_energies(s), 0.0)[:first], axis=0)
+        force = self._contact_force(times, v, s)[first:]
+        springs = np.where(self.sliders.rigid, np.inf, self.sliders.stiffness)[:, None]
+        stored = np.sum(0.5 * force**2 / springs, axis=0)
+        work, dissipated = work_and_dissipation(self.record, self.regimes, self.begins, times, self._lost_in_impacts())
+        dissipated = dissipated + self.friction(times).dissipated.sum(axis=0)
+        kinetic = 0.5 * np.sum(v**2, axis=0)
+        strain = 0.5 * np.sum(self.space.stiffness[:, None] * z**2, axis=0) + stored
+        return Energies(kinetic, strain, contact, dissipated, work)
+
+    def _lost_in_impacts(self) -> Array | None:
+        """Return the kinetic energy that is lost in impacts on rigid stops at the begin of every segment, J."""
+        return None if self.bounces is None else super()._lost_in_impacts()
+
+    @property
+    def sensitivity(self) -> Any:
+        """Not known."""
+        return None
+
+    def conclude(self) -> None:
+        """Write the notes."""
+
+
+def whole_system(system: System) -> System:
+    """Return the system in which sliders follow the contacts, made once."""
+    found: System = system.cache.get("with sliders", None, lambda: with_sliders(system))
+    return found

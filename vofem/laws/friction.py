@@ -1,0 +1,96 @@
+"""Coulomb friction: sliders on rows, rigid or behind a spring (Jenkins elements)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.laws.group import LawGroup, ListedLaws
+
+if TYPE_CHECKING:
+    from vofem.time_functions import TimeFunction
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionLaw:
+    """A slider on a row b: ``R = coefficient N sign(w)`` at the slip speed ``w = b.v - belt``; at rest R is a reaction.
+
+    Attributes
+    ----------
+    name, label : str
+    limit, static : float
+        Friction force while it slides, and largest reaction while it sticks, N.
+    stiffness : float
+        Of the spring in series, N/m; inf for a rigid slider.
+    belt : TimeFunction, optional
+        Speed of the belt, m/s.
+    normal : float
+        Normal force, N.
+    """
+
+    group: ClassVar[type[LawGroup]]
+
+    name: str
+    label: str
+    limit: float
+    static: float
+    stiffness: float
+    belt: TimeFunction | None
+    normal: float
+
+
+@dataclass(frozen=True)
+class FrictionLaws(ListedLaws):
+    """Sliders, one per row; only ``event_driven`` treats them."""
+
+    place: ClassVar[int] = 3
+    kind: ClassVar[str] = "friction"
+    static: ClassVar[bool] = False
+
+    laws: tuple[FrictionLaw, ...]
+
+    def nonlinearity(self, method: str) -> str | None:
+        """Return why the sliders are not linear while their status lasts: belts whose speed has no closed form."""
+        for law in self.laws:
+            if law.belt is not None and not law.belt.closed_form:
+                return f"{law.label}: the speed of its belt has no closed form, which {method} needs"
+        return None
+
+    def refusal(self, what: str) -> str:
+        """Return why something cannot treat sliders, and what to do instead."""
+        return f"{what} does not treat {self.labels[0]}; only simulate(method='event_driven') does"
+
+    def statics_refusal(self, path: bool) -> str | None:
+        """Return why statics cannot treat sliders: equilibria are not unique."""
+        return (
+            f"{self.labels[0]} holds a body in many places, so {'quasi_static' if path else 'equilibrium'} has no "
+            "unique answer; simulate the scene until it rests"
+        )
+
+    def harmonic_refusal(self) -> str | None:
+        """Return why harmonic balance cannot treat sliders."""
+        return self.refusal("harmonic balance")
+
+    def shifted(self, start: float) -> FrictionLaws:
+        """Return the sliders for a run that begins at a time in s."""
+        from vofem.time_functions.shifted import Shifted
+
+        laws = (law if law.belt is None else replace(law, belt=Shifted(law.belt, start)) for law in self.laws)
+        return replace(self, laws=tuple(laws))
+
+    def numbers(self) -> Array:
+        """Return all numbers that define the sliders but belts."""
+        return np.array([[law.limit, law.static, law.stiffness] for law in self.laws]).ravel()
+
+    @property
+    def forms(self) -> tuple[Any, ...]:
+        """No law in the sense of `law.Law`: a slider's force does not follow from its coordinate."""
+        return ()
+
+
+FrictionLaw.group = FrictionLaws
