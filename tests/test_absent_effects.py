@@ -9,7 +9,7 @@ import sys
 
 import numpy as np
 import pytest
-from scenes import paper_beam
+from scenes import cantilever, paper_beam
 
 import vofem as vf
 from vofem.assembly import SystemBuilder
@@ -36,7 +36,7 @@ def refuse(*_args, **_kwargs):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_counters_of_a_bare_beam(method):
-    beam = vf.Beam(1.0, 1.0, 1.0, 5, {"left": "clamped"})
+    beam = cantilever(5)
     scene = vf.Scene([beam], initial={beam: (lambda x: 0.01 * x**2, 0.0)})
     result = run(scene, method)
     expected = {
@@ -68,7 +68,7 @@ def test_builders_of_absent_effects_are_never_called(method, monkeypatch):
     monkeypatch.setattr(python, "Callbacks", refuse)
     monkeypatch.setattr(LawGroup, "virgin", refuse)
     monkeypatch.setattr(LawGroup, "alone", property(refuse))
-    beam = vf.Beam(1.0, 1.0, 1.0, 5, {"left": "clamped"})
+    beam = cantilever(5)
     result = run(vf.Scene([beam], initial={beam: (lambda x: 0.01 * x**2, 0.0)}), method)
     assert np.max(np.abs(result.displacement(beam.at(1.0)))) > 0.0
     assert result.counters.gap_evaluations == 0
@@ -100,7 +100,7 @@ def test_fast_modes_do_not_drive_the_search():
 
 
 def test_explain_says_what_is_left_out():
-    beam = vf.Beam(1.0, 1.0, 1.0, 5, {"left": "clamped"}, name="deck")
+    beam = cantilever(5, name="deck")
     text = str(vf.explain(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), vf.Sine(1.0, 1.0))])))
     assert "Beam 'deck': 5 elements, clamped at x = 0" in text
     assert "Method: event_driven" in text

@@ -128,6 +128,16 @@ def test_a_chain_of_wagons(capsys):
     assert "14.3 of 22.5 kJ" in capsys.readouterr().out
 
 
+def test_friction_and_rigid_impacts(capsys):
+    names = run_page(DOCS / "friction-and-impacts.md")
+    assert names["impacts"].closing[-1] == pytest.approx(2.873479, rel=1e-6)
+    assert np.diff(names["late"].closing[-5:]) == pytest.approx(np.pi, rel=1e-6)
+    assert names["slider"].breaks[0] == pytest.approx(0.4, rel=1e-12)
+    assert names["belt"].energy.balance_error < 1e-13
+    assert names["lost"](10.0) > max(names["lost"](1.0), names["lost"](100.0))
+    assert "accumulate" in capsys.readouterr().out
+
+
 @pytest.mark.kernels("plain")
 def test_a_train_on_a_bridge(capsys):
     names = run_page(DOCS / "train-on-a-bridge.md")
@@ -163,7 +173,7 @@ OTHERS = {
 OWN = {
     *("README.md", "pictures.md", "steady-states.md", "sweeps.md"),
     *("first-scene.md", "strip-on-a-stop.md", "tube-in-supports.md", "chain.md", "train-on-a-bridge.md"),
-    *("fitting.md", "derivatives.md"),
+    *("fitting.md", "derivatives.md", "friction-and-impacts.md"),
 }
 
 

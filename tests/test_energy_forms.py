@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import between_stops
+from scenes import between_stops, cantilever
 
 import vofem as vf
 from vofem.integrators.event_driven import energy
@@ -13,7 +13,7 @@ from vofem.system import CLOSED
 
 
 def rattling_beam(*, dampers=(), law="penetration", damping=0.0, load=None):
-    beam = vf.Beam(1.0, 1.0, 1.0, 6, {"left": "clamped"})
+    beam = cantilever(6)
     tip = beam.at(1.0)
     stop = vf.Contact(tip, gap=0.03, stiffness=50.0, damping=damping, side="below", acts_on=law)
     force = vf.Sine(0.3, 5.0) + vf.Sine(0.1, 11.0, 0.4) if load is None else load
@@ -40,7 +40,7 @@ def material_damping(beam):
 
 def pinned_beam(*dampers, damping=0.0):
     """A beam pressed on three stops with forces that jump: contacts come to rest at their gaps."""
-    beam = vf.Beam(1.0, 1.0, 1.0, 6, {"left": "clamped"})
+    beam = cantilever(6)
     stops = [
         vf.Contact(beam.at(x), gap=gap, stiffness=stiffness, side="below", acts_on="displacement", name=f"at {x}",
                    damping=damping)

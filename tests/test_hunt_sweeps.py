@@ -20,7 +20,6 @@ import numpy as np
 import pytest
 
 import vofem as vf
-from vofem.files.hdf5 import end_of_data
 from vofem.studies.sweep import SweepInterrupted
 
 #: Values of the axes, by kind.
@@ -120,14 +119,15 @@ def differences(table, right):
 def function(seed, **point):
     """The function of all sweeps; it is stopped by Ctrl-C at the calls whose numbers the environment holds.
 
-    The file that the process would leave if it were killed there is copied.
+    The files that the process would leave if it were killed there are copied.
     """
     # What a function reaches in its own module belongs to its identity, and must not change.
     calls, *stops = os.environ["HUNT_STOPS"].split()
     os.environ["HUNT_STOPS"] = " ".join([str(int(calls) + 1), *stops])
     if calls in stops:
-        store = Path(os.environ["HUNT_STORE"])
-        shutil.copy(store, store.with_suffix(".killed"))
+        store, killed = os.environ["HUNT_FOLDERS"].split(os.pathsep)
+        shutil.rmtree(killed, ignore_errors=True)
+        shutil.copytree(store, killed)
         raise KeyboardInterrupt
     return returned(seed, point)
 
@@ -145,8 +145,10 @@ def fault(seed):
         if found := differences(run(executor=threads), right):
             return f"threads: {found}"
     with tempfile.TemporaryDirectory() as folder:
-        store = Path(folder, "rows.h5")
-        os.environ["HUNT_STORE"] = str(store)
+        place, killed = Path(folder, "store"), Path(folder, "killed")
+        store = place / "rows.h5"
+        place.mkdir()
+        os.environ["HUNT_FOLDERS"] = f"{place}{os.pathsep}{killed}"
         os.environ["HUNT_STOPS"] = " ".join(["0", *(str(rng.randint(0, 2 * len(rows))) for _ in range(3))])
         for _ in range(5):
             try:
@@ -156,11 +158,9 @@ def fault(seed):
                 stopped = error
             if not stopped.sweep.missing:
                 return "nothing is said of points that were not reached"
-            killed = store.with_suffix(".killed")
             if rng.random() < 0.5:
-                data = killed.read_bytes()
-                store.write_bytes(data[: rng.randint(end_of_data(killed), len(data))])
-            killed.unlink()
+                shutil.rmtree(place)
+                killed.rename(place)
         else:
             return "does not end"
         if found := differences(table, right):
@@ -170,8 +170,8 @@ def fault(seed):
             return f"{again.counters['computed']} rows were computed again"
         if found := differences(again, right) or (len(loaded.points.rows) == len(rows) and differences(loaded, right)):
             return f"stored: {found}"
-        if [path.name for path in Path(folder).iterdir()] != ["rows.h5"]:
-            return f"files {list(Path(folder).iterdir())}"
+        if [path.name for path in place.iterdir()] != ["rows.h5"]:
+            return f"files {list(place.iterdir())}"
     return None
 
 

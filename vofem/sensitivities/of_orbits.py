@@ -73,11 +73,11 @@ class OrbitSensitivities(OfParameters):
         modal = modal_system(result.solution)
         self._modal = modal
         n = modal.size
-        columns = [modal_change(modal, full, change) for change in self._changes]
+        columns, same = [modal_change(modal, full, change) for change in self._changes], unchanged(scene)
         for k in range(2 * n):
             unit = np.zeros((2, n))
             unit[k // n, k % n] = 1.0 / modal.scale[k] if k < n else 1.0
-            columns.append(ModalChange(None, None, None, None, None, unit[0], unit[1], unchanged(full)))
+            columns.append(ModalChange(None, None, None, None, None, unit[0], unit[1], same))
         self.work = Work(assemblies=sum(change.assemblies for change in self._changes))
         self._forward = Forward(result.solution, modal, columns, self.work)
         p = len(self.parameters)
@@ -221,7 +221,7 @@ class OrbitSensitivities(OfParameters):
             row = modal.contacts[j]
             rate = float(row @ velocity)
             lever = laws.stiffness[j] * (laws.gap[j] - laws.offset[j])
-            gain = (lever / rate if lever else 0.0) + laws.damping[j]
+            gain = forward.saltation(j, rate)
             whole[n:, :n] -= sign * gain * np.outer(row, row / modal.scale)
             for k in range(p):
                 change = forward.changes[k]
@@ -266,11 +266,8 @@ class OrbitSensitivities(OfParameters):
         t = min(found, key=lambda s: abs(gap(s)))
         state = np.concatenate([row, np.zeros_like(row)])[None]
         moved = self._total(self._forward.sample(state, np.array([t]))[0])[0]
-        for k, change in enumerate(self._forward.changes[: len(self.parameters)]):
-            moved[k] -= change.change.gap[j]
-            if change.contacts is not None:
-                moved[k] += float(change.contacts[j] @ self._forward.motion(np.array([t]))[0][:, 0])
-        return np.asarray(moved)
+        displacement = self._forward.motion(np.array([t]))[0][:, 0]
+        return np.asarray(moved + self._forward.gap_changes(j, displacement)[: len(self.parameters)])
 
 
 class SpecialSensitivities(OfParameters):

@@ -202,11 +202,15 @@ def row_changes(blocks: Blocks, rows: Array, tau: Array) -> Array:
     w, u = rows[:, 0], rows[:, 1]
     delta, p = blocks.of[DELTA], blocks.of[SQUARE]
     found = np.stack([w * (c + delta * s) - u * (p * s), w * s + u * (c - delta * s)], axis=2)
-    for e, (k, j) in enumerate(blocks.pair.tolist()):
-        for i, t in enumerate(tau.tolist()):
-            for part, (f, rate) in enumerate(((1.0, 0.0), (0.0, 1.0))):
-                z, v = from_rest(delta[k], p[k], p[j], f, rate, blocks.gain[e], t)
-                found[i, :, part, j] += w[:, k] * z + u[:, k] * v
+    driving = np.unique(blocks.pair[:, 1:])
+    for j in driving[driving >= 0].tolist():
+        for part in (0, 1):
+            start = np.zeros((2, delta.size))
+            start[part, j] = 1.0
+            for i, t in enumerate(tau.tolist()):
+                driven = np.zeros_like(start)
+                _add_from_rest(blocks, start, t, driven)
+                found[i, :, part, j] += w @ driven[0] + u @ driven[1]
     return np.asarray(found)
 
 

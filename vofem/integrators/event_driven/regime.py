@@ -21,12 +21,12 @@ from vofem.integrators.event_driven.blocks import Blocks, blocks_of, changes, ro
 from vofem.integrators.event_driven.clusters import group_of
 from vofem.integrators.event_driven.exosystem import CONSTANT
 from vofem.integrators.event_driven.pinned import Reactions, reactions
-from vofem.integrators.event_driven.sliders import Pushes, Sliders, SlidingPiece
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws
 
 if TYPE_CHECKING:
     from vofem.integrators.event_driven.modal_space import ModalSpace
+    from vofem.integrators.event_driven.sliders import Pushes, Sliders, SlidingPiece
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -528,6 +528,8 @@ def _with_sliders(
     coordinates: Array, sizes: Array,
 ) -> Regime:  # fmt: skip
     """Return a linear piece in which sliders have the event functions of their statuses."""
+    from vofem.integrators.event_driven.sliders import SlidingPiece
+
     spectrum, e, first = regime.spectrum, regime.loads, sliders.first
     rows = space.contacts[first:]
     modal = rows if spectrum.real.modes is None else rows @ spectrum.real.modes

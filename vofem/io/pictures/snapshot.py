@@ -244,48 +244,36 @@ def _contact_states(result: Result, times: Array) -> tuple[list[dict[str, tuple[
 
 
 def _links(scene: Scene, states: dict[str, tuple[str, float]], t: float = 0.0) -> tuple[Link, ...]:
-    """Return contacts, springs and dashpots; those that travel where they are at a time in s, if on their beams."""
-    contacts = [
-        Link(
-            c.name, c.a, c.b, c.side or "below", 0.0 if c.of == "rotation" else c.gap, *states[c.name],
-            c.of == "rotation",
-        )
-        for c in scene.contacts
-    ]  # fmt: skip
-    springs = [
-        Link("", s.a, s.b, "below", 0.0, s.symbol, 0.0, s.of == "rotation")
-        for s in scene.effects
-        if isinstance(s, TwoPoints) and s.symbol in ("spring", "damper")
+    """Return contacts with their status and force, springs and dashpots; what travels is where it is at t in s."""
+    stops = [*scene.contacts, *(effect for effect in scene.effects if isinstance(effect, CrushingStop))]
+    links = []
+    for s in stops:
+        turns = s.of == "rotation"
+        status = states.get(s.name, ("open", 0.0))
+        links.append(Link(s.name, s.a, s.b, s.side or "below", 0.0 if turns else s.gap, *status, turns))
+    beds = [effect for effect in scene.effects if isinstance(effect, Foundation)]
+    links += [
+        Link(name, bed.beam.at(float(x)), None, "below", bed.gap, *states[name])
+        for bed in beds
+        if bed.one_sided
+        for node, x in enumerate(bed.beam.nodes)
+        if (name := f"{bed.name}[{node}]") in states
     ]
-    contacts += [
-        Link(
-            s.name, s.a, s.b, s.side or "below", 0.0 if s.of == "rotation" else s.gap,
-            *states.get(s.name, ("open", 0.0)), s.of == "rotation",
-        )
-        for s in scene.effects
-        if isinstance(s, CrushingStop)
-    ]  # fmt: skip
-    springs += [
-        Link("", s.point, s.other, "below", 0.0, "spring", 0.0, True)
-        for s in scene.effects
-        if isinstance(s, RotationalSpring)
-    ]
-    beds = [
-        Link(name, f.beam.at(float(x)), None, "below", f.gap, *states[name])
-        for f in scene.effects
-        if isinstance(f, Foundation) and f.one_sided
-        for node, x in enumerate(f.beam.nodes)
-        if (name := f"{f.name}[{node}]") in states
-    ]
-    for bed in scene.effects:
-        if isinstance(bed, Foundation) and not bed.one_sided:
+    for effect in scene.effects:
+        if isinstance(effect, TwoPoints) and effect.symbol in ("spring", "damper"):
+            links.append(Link("", effect.a, effect.b, "below", 0.0, effect.symbol, 0.0, effect.of == "rotation"))
+        elif isinstance(effect, RotationalSpring):
+            links.append(Link("", effect.point, effect.other, "below", 0.0, "spring", 0.0, True))
+    for bed in beds:
+        if not bed.one_sided:
             nodes, held = bed.beam.nodes, [bed.beam.nodes[node] for node in bed.beam.supports]
             places = np.linspace(nodes[0], nodes[-1], min(nodes.size, _BED))
             points = [bed.beam.at(float(x)) for x in places if not np.any(np.isclose(x, held))]
-            springs += [Link("", point, None, "below", 0.0, "spring", 0.0) for point in points]
-    links = [replace(link, a=place_at(link.a, t), b=place_at(link.b, t)) for link in (*contacts, *beds, *springs)]
-    wanted = zip(links, (*contacts, *beds, *springs), strict=True)
-    return tuple(link for link, old in wanted if link.a is not None and (link.b is not None) is (old.b is not None))
+            links += [Link("", point, None, "below", 0.0, "spring", 0.0) for point in points]
+    placed = [replace(link, a=place_at(link.a, t), b=place_at(link.b, t)) for link in links]
+    return tuple(
+        new for new, old in zip(placed, links, strict=True) if new.a is not None and (new.b is None) is (old.b is None)
+    )
 
 
 def _at_rest(outcome: Equilibrium, body: Body) -> BodyState:
