@@ -257,7 +257,8 @@ def test_threads_may_run_one_scene():
     found = [None] * 4
 
     def work(k):
-        found[k] = vf.simulate(scene, 8.0, initial={scene.bodies[0]: (lambda x: 0.01 * k * x**2, 0.0)})
+        start = {scene.bodies[0]: (lambda x: 0.01 * k * x**2, 0.0)}
+        found[k] = vf.simulate(scene, 8.0, initial=start, compiled=False)
 
     threads = [threading.Thread(target=work, args=(k,)) for k in range(4)]
     for thread in threads:
@@ -267,7 +268,8 @@ def test_threads_may_run_one_scene():
     assert sum(result.counters.eigensolves for result in found) == 1
     for k, result in enumerate(found):
         fresh, _ = beam_on_stop()
-        assert same(result, vf.simulate(fresh, 8.0, initial={fresh.bodies[0]: (lambda x, k=k: 0.01 * k * x**2, 0.0)}))
+        start = {fresh.bodies[0]: (lambda x, k=k: 0.01 * k * x**2, 0.0)}
+        assert same(result, vf.simulate(fresh, 8.0, initial=start, compiled=False))
 
 
 def test_what_is_kept_is_neither_copied_nor_pickled():

@@ -292,6 +292,12 @@ def test_a_mass_that_is_tied_to_the_beam_below_it():
     assert errors[1] < 5e-5
     assert 2.0 < errors[0] / errors[1] < 5.0
     assert balance(result) < 1e-12
+    # A run that goes on from the middle of the bridge finds the mass where it is, and as fast as it is.
+    first = vf.simulate(weighed, 0.5, dt=1e-3)
+    later = vf.simulate(weighed, 0.5, dt=1e-3, initial=first, t_start=0.5)
+    whole = vf.simulate(weighed, 1.0, dt=1e-3)
+    assert later.displacement(beam.at(5.0))[-1] == pytest.approx(whole.displacement(beam.at(5.0))[-1], rel=1e-3)
+    assert balance(later) < 1e-12
     # A mass that rests is the mass at that point.
     still = beam.along(vf.Path(0.0, start=3.0))
     scenes = [

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.errors import MethodError
 from vofem.sensitivities.flow import Block, Closed, divided, divided_far, ramped
 from vofem.sensitivities.forcing import Forcing, derivative_waves
 from vofem.sensitivities.forward import Forward
@@ -117,10 +116,9 @@ class Backward:
             counted = float(self._linear.events[number])
             if passage.before[j] == PINNED:
                 if counted:
-                    raise MethodError(
-                        "gradient: the objective depends on the time at which a pinned contact is released; take "
-                        "vofem.sensitivities instead"
-                    )
+                    held_row, rate, explicit = forward.release(index, j, int(after[j]), passage.state)
+                    before -= counted / rate * held_row
+                    self._gradient -= counted / rate * explicit
                 continue
             rate = float(row @ v)
             share = -counted / rate if counted else 0.0

@@ -169,7 +169,14 @@ class Forward:
 
     def state(self, index: int) -> Array:
         """Return scaled displacements and velocities at the begin of a segment, shape (2n,)."""
-        return np.concatenate([self.modal.scale * self.segments.displacement[index], self.segments.velocity[index]])
+        z, v, laws = self.segments.displacement[index], self.segments.velocity[index], self.modal.laws
+        held = np.flatnonzero(self.segments.status[index] == PINNED)
+        if held.size and laws is not None:
+            # The run stores the motion with which a contact comes to its gap; there it rests.
+            rows = self.modal.contacts[held]
+            share = np.linalg.solve(rows @ rows.T, rows).T
+            z, v = z - share @ (rows @ z - laws.gap[held]), v - share @ (rows @ v)
+        return np.concatenate([self.modal.scale * z, v])
 
     def waves(self, index: int) -> list[Forcing]:
         """Return the functions of time of the loads in a segment."""
@@ -304,7 +311,11 @@ class Forward:
             j = int(self.events.contact[number])
             row = modal.contacts[j]
             if before[j] == PINNED:
-                self.event_times[number] = self._release(index, j, int(after[j]), state, z, v)
+                reaction, rate, explicit = self.release(index, j, int(after[j]), state)
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    self.event_times[number] = (
+                        -(reaction @ np.concatenate([modal.scale[:, None] * z, v]) + explicit) / rate
+                    )
                 continue
             meets = self._meets(j, displacement, z)
             rate = float(row @ velocity)
@@ -361,25 +372,31 @@ class Forward:
         share = np.linalg.solve(rows @ rows.T, rows).T
         return z - share @ off, v - share @ speed
 
-    def _release(self, index: int, j: int, after: int, state: Array, z: Array, v: Array) -> Array:
-        """Return the derivative of the time at which a pinned contact is released, shape (p,)."""
-        laws, scale = self.modal.laws, self.modal.scale[:, None]
+    def release(self, index: int, j: int, after: int, state: Array) -> tuple[Array, float, Array]:
+        """Return what releases a pinned contact at the end of a segment, its reaction less the force that it then has.
+
+        Returns
+        -------
+        row : ndarray, shape (2n,)
+            Its derivative by the scaled state.
+        rate : float
+            Its rate by time.
+        explicit : ndarray, shape (p,)
+            Its derivatives by the parameters at a fixed state.
+        """
+        laws, tau = self.modal.laws, float(self.segments.durations[index])
         assert laws is not None
         rows, constants = self.reaction_rows(index, j)
-        tau = float(self.segments.durations[index])
-        value_p = rows[0] @ np.concatenate([scale * z, v])
-        for k in range(len(self.changes)):
+        explicit = np.empty(len(self.changes))
+        for k, change in enumerate(self.changes):
             row_p, constant_p = self.reaction_changes(index, j, k)
-            value_p[k] += row_p @ state + constant_p.at(tau)
+            explicit[k] = row_p @ state + constant_p.at(tau)
             if after == CLOSED:
-                gap_p, k_p = self.changes[k].change.gap[j], self.changes[k].change.contact_stiffness[j]
-                value_p[k] -= laws.stiffness[j] * gap_p + k_p * laws.gap[j]
-        flow = self.flow(self.segments.status[index])
-        slope = flow.equation.matrix @ state
+                gap_p, k_p = change.change.gap[j], change.change.contact_stiffness[j]
+                explicit[k] -= laws.stiffness[j] * gap_p + k_p * laws.gap[j]
+        slope = self.flow(self.segments.status[index]).equation.matrix @ state
         slope[self.modal.size :] += self.forces(index)[1].at(tau)
-        rate = float(rows[0] @ slope + constants.rate().at(tau))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(-value_p / rate)
+        return rows[0], float(rows[0] @ slope + constants.rate().at(tau)), explicit
 
     # -- forces of contacts -----------------------------------------------------------------------
 

@@ -177,6 +177,7 @@ class Run:
             assert self.rows is not None
             self.travel = travel_of(system.laws, self.rows.toarray(), order)
             begin_ties(self.travel, q, v)
+            self.start = State(q[self.back], v[self.back], start.internal)
             at_start, offsets, present = (part[0] for part in self.travel.rows(np.zeros(1)))
             u = np.where(present, at_start @ q + offsets, self.travel.away)
         self.laws = LawSet(system.laws, self.callbacks)

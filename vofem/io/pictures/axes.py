@@ -13,7 +13,7 @@ import re
 import weakref
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, overload
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -101,16 +101,9 @@ class _Colors(Sequence[str]):
     def __len__(self) -> int:
         return len(_COLORS)
 
-    @overload
-    def __getitem__(self, index: int) -> str: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> list[str]: ...
-
-    def __getitem__(self, index: int | slice) -> str | list[str]:
+    def __getitem__(self, index: Any) -> Any:
         cycle = _cycle()
-        found = [cycle[(k + 1) % len(cycle)] for k in range(len(_COLORS))]
-        return found[index]
+        return [cycle[(k + 1) % len(cycle)] for k in range(len(_COLORS))][index]
 
 
 COLORS = _Colors()
