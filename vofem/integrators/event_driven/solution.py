@@ -733,7 +733,8 @@ class EventSolution:
         contacts = len(events.initial)
         for index in range(lost.size):
             number = np.flatnonzero(self.record.status(index) == PINNED)
-            if number.size and number[0] < contacts:
+            # A segment of no duration holds the state before a bounce, whose loss is known.
+            if number.size and number[0] < contacts and self.record.durations[index] > 0.0:
                 held = self.space.contacts[number]
                 # Sliders that stick follow their belts and lose nothing.
                 speed = np.where(number < contacts, held @ self.record.state(index)[1], 0.0)
