@@ -14,21 +14,27 @@ from vofem.verification.cases.published import entry as quantity
 from vofem.verification.cases.published import published
 
 __all__ = [
-    "LAWS", "SHORT", "alone", "between_stops", "broken_off", "cantilever", "in_a_row", "on_stop", "paper_beam",
+    "FREE", "LAWS", "SHORT", "alone", "between_stops", "broken_off", "cantilever", "in_a_row", "on_stop", "paper_beam",
     "published", "quantity", "reference", "two_masses",
 ]  # fmt: skip
 
 DATA = Path(__file__).parent / "data"
 LAWS = ("displacement", "penetration")
 
-#: A scene file of a short run: a mass that hits a stop.
-SHORT = """
+#: Scene files of a short run: a mass that swings, and one that hits a stop.
+FREE = """
 [run]
 t_end = 6.0
 [[mass]]
 name = "ball"
 mass = 1.0
 stiffness = 1.0
+[initial]
+ball = { velocity = 1.0 }
+"""
+SHORT = (
+    FREE
+    + """
 [[contact]]
 name = "stop"
 a = "ball"
@@ -36,9 +42,8 @@ gap = 0.5
 stiffness = 10.0
 side = "above"
 acts_on = "penetration"
-[initial]
-ball = { velocity = 1.0 }
 """
+)
 
 
 def reference(name: str) -> dict[str, np.ndarray]:

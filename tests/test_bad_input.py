@@ -207,19 +207,24 @@ def test_an_unsupported_body_has_no_equilibrium():
         vf.equilibrium(vf.Scene([free], [vf.Gravity(-2.0), *two]))
 
 
-def bad_at_three(t):
-    return NAN if t >= 3.0 else 0.1
-
-
-@pytest.mark.kernels("compiled")
 def test_load_function_that_returns_nan():
-    vf.simulate(paper_beam("penetration", load=lambda t: 0.1)[1], 1e-3)  # compiles
-    _, s = paper_beam("penetration", load=bad_at_three)
-    start = time.process_time()
+    """It is found in the values that the steps need, without many more calls."""
+    calls = []
+
+    def fine(t):
+        calls.append(t)
+        return 0.1
+
+    def bad_at_three(t):
+        calls.append(t)
+        return NAN if t >= 3.0 else 0.1
+
+    vf.simulate(paper_beam("penetration", load=fine)[1], 5.0, dt=5e-3)
+    known = len(calls)
     with pytest.raises(vf.LoadError, match=r"'bad_at_three' returned nan at t = 3") as caught:
-        vf.simulate(s, 5.0, dt=5e-5)
+        vf.simulate(paper_beam("penetration", load=bad_at_three)[1], 5.0, dt=5e-3)
     assert "division by zero" in str(caught.value)
-    assert time.process_time() - start < 2.0
+    assert len(calls) - known < 1.1 * known
     _, s = paper_beam("penetration", load=lambda t: "much")
     with pytest.raises(vf.LoadError, match="expected a number"):
         vf.simulate(s, 1e-2, dt=1e-5)

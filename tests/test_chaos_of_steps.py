@@ -30,7 +30,7 @@ def chaos(scene, t_end, method, **more):
 def test_a_chaotic_run_says_so(method):
     """The rate is that of the perturbation that event_driven carries along."""
     scene = chaotic(1.1)
-    (note,) = chaos(scene, 100.0, method)
+    (note,) = chaos(scene, 100.0, method, nearby=True)
     tenfold = float(re.search(r"tenfold in some ([\d.e+-]+) s", note)[1])
     growth = vf.simulate(scene, 100.0, method="event_driven", times=[0.0, 100.0]).sensitivity.growth[-1]
     assert growth > 5.0
@@ -55,7 +55,7 @@ def test_runs_that_part_in_proportion_to_time_are_regular(method, dt):
 
 
 def test_steps_that_do_not_resolve_impacts_depart_from_each_other():
-    (note,) = chaos(chaotic(1.0, load=0.0, damping=0.0), 200.0, "generalized_alpha", dt=0.01)
+    (note,) = chaos(chaotic(1.0, load=0.0, damping=0.0), 200.0, "generalized_alpha", dt=0.01, nearby=True)
     assert "Where smaller steps leave this note out" in note
 
 

@@ -6,8 +6,10 @@ import sys
 
 import numpy as np
 import pytest
+from scenes import cantilever
 
 import vofem as vf
+from vofem.simulate import methods
 from vofem.simulate.methods import cheaper, choose
 
 pytestmark = pytest.mark.kernels("plain")
@@ -71,7 +73,7 @@ def test_a_method_that_is_named_is_taken():
 
 def test_many_steps_where_none_are_needed_are_told():
     """Before the run `explain` says what "auto" takes; after a run with another method a note does."""
-    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"})
+    beam = cantilever(4)
     tip = beam.at(1.0)
     stop = vf.Contact(tip, gap=0.01, stiffness=100.0, side="below", acts_on="penetration", name="stop")
     scene = vf.Scene([beam], [stop, vf.PointLoad(tip, vf.Sine(0.1, 3.0))])
@@ -83,3 +85,16 @@ def test_many_steps_where_none_are_needed_are_told():
     damped = vf.Scene([beam], [vf.PointLoad(tip, vf.Sine(0.1, 3.0))])
     few = vf.simulate(damped, 0.5, method="energy_conserving", tol=1e-2)
     assert not any(note.startswith("cost:") for note in few.notes)
+
+
+def test_many_steps_for_vibration_on_a_stiff_spring_are_told(monkeypatch):
+    """A slider that does not yield: 13 periods of its vibration in a fifth of a period of the load."""
+    monkeypatch.setattr(methods, "_VERY_MUCH", 500)
+    mass = vf.Mass(1.0, stiffness=1.0)
+    for stiffness, told in ((1e4, 1), (1.0, 0)):
+        spring = vf.BilinearSpring(mass, stiffness=stiffness, linear_limit=1.0)
+        scene = vf.Scene([mass], [spring, vf.PointLoad(mass, vf.Sine(1.0, 1.0))])
+        result = vf.simulate(scene, 0.8, method="energy_conserving", tol=1e-3)
+        notes = [note for note in result.notes if note.startswith("cost: ")]
+        assert len(notes) == told
+        assert all(f"took {result.counters.steps} steps" in note and "Vibration on stiff" in note for note in notes)

@@ -14,6 +14,7 @@ from campaigns import campaign
 from hunt_reference import HuntReference, SpringpotReference
 from hunt_scenes import case as random_case
 from hunt_scenes import decades
+from scenes import cantilever
 
 import vofem as vf
 
@@ -30,9 +31,9 @@ EXCUSES = {True: re.compile(r"^tol:"), False: re.compile(r"^(load|step|steps|res
 #: Of the largest displacement, without `tol`.
 ACCURATE = 0.02
 
-#: Errors of beams at a stop by a given step, of the largest displacement: above the first there is a note, and below
-#: the second there is none on errors of steps.
-UNTOLD, NO_ALARM = 0.1, 0.005
+#: Errors of beams at a stop by a given step, of the largest displacement: above the first at the tip there is a note,
+#: and below the second anywhere there is none on errors of steps.
+UNTOLD, NO_ALARM = 0.2, 0.005
 
 
 def fault(case, budget=3_000):
@@ -97,7 +98,7 @@ def test_right_or_told(seed):
 def beam_at_a_stop(rng):
     """Return a scene whose stop excites modes that are quicker than the load, its tip, and how it is run."""
     elements, gap = rng.randint(2, 6), decades(rng, -3, -1.3)
-    beam = vf.Beam(1.0, 1.0, 1.0, elements, {"left": "clamped"}, name="beam")
+    beam = cantilever(elements, name="beam")
     tip = beam.at(1.0)
     stop = vf.Contact(tip, gap=gap, stiffness=decades(rng, 1, 3), side=rng.choice(["above", "below"]),
                       acts_on="penetration", name="stop")  # fmt: skip
@@ -112,16 +113,20 @@ def fault_at_a_stop(rng):
     """Return what is wrong with a run of such a scene beside the exact one, or None."""
     scene, tip, t_end, method, dt = beam_at_a_stop(rng)
     times = np.linspace(0.0, t_end, 401)
-    right = vf.simulate(scene, t_end, times=times).displacement(tip)
+    exact = vf.simulate(scene, t_end, times=times)
+    right = exact.displacement(tip)
     nearby = scene.replace("stop", gap=scene.contacts[0].gap * (1.0 + 1e-4))
     if np.abs(vf.simulate(nearby, t_end, times=times).displacement(tip) - right).max() > 0.02 * np.abs(right).max():
         return None  # chaotic: no run with steps is right until the end
     result = vf.simulate(scene, t_end, method=method, dt=dt, times=times)
     error = float(np.abs(result.displacement(tip) - right).max() / np.abs(right).max())
+    # Rotations are compared with displacements by their arms, as the run does.
+    scale = scene.model.system.scale[:, None]
+    anywhere = np.abs(scale * (result.samples.q - exact.samples.q)).max() / np.abs(scale * exact.samples.q).max()
     told = [note for note in result.notes if not INFORMS.match(note)]
-    drift = [note for note in told if "add up to" in note or "lead to another motion" in note]
-    said = f"{method} dt {dt:.2g} until {t_end:.3g} s: error {error:.2g}, notes {told}"
-    wrong = (error > UNTOLD and not told) or (error < NO_ALARM and bool(drift))
+    alarm = any("add up to" in note or "lead to another motion" in note for note in told)
+    said = f"{method} dt {dt:.2g} until {t_end:.3g} s: error {error:.2g}, anywhere {anywhere:.2g}, notes {told}"
+    wrong = (error > UNTOLD and not told) or (max(error, anywhere) < NO_ALARM and alarm)
     return said if wrong else None
 
 

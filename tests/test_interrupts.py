@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import FREE, SHORT
 
 import vofem as vf
 from vofem import cli
@@ -21,28 +22,8 @@ HEARS = "import signal, sys\nsignal.signal(signal.SIGINT, signal.default_int_han
 
 COMMAND = HEARS + "sys.exit(cli.main(sys.argv[1:]))"
 
-BALL = """
-[[mass]]
-name = "ball"
-mass = 1.0
-stiffness = 1.0
-[initial.ball]
-velocity = 1.0
-[run]
-t_end = 1e6
-times = { start = 0.0, stop = 1e6, count = 1000001 }
-"""
-
-STOP = """method = "energy_conserving"
-dt = 1e-3
-[[contact]]
-name = "stop"
-a = "ball"
-gap = 0.5
-stiffness = 10.0
-side = "above"
-acts_on = "penetration"
-"""
+#: What a run has that takes hours, in place of the end of a short one.
+LONG = "t_end = 1e6\ntimes = { start = 0.0, stop = 1e6, count = 1000001 }"
 
 
 def press():
@@ -70,7 +51,9 @@ def started(folder, program, *arguments):
 
 def test_an_interrupted_run_writes_what_was_computed(tmp_path):
     """Ctrl-C once: exit code 130, tables and histories, no energies, no pictures."""
-    (tmp_path / "long.toml").write_text(BALL + STOP)
+    (tmp_path / "long.toml").write_text(
+        SHORT.replace("t_end = 6.0", LONG + '\nmethod = "energy_conserving"\ndt = 1e-3')
+    )
     process = started(tmp_path, COMMAND, "run", "long.toml")
     assert any("as the scene file says" in line for line in iter(process.stdout.readline, ""))
     # The run begins at once, and lasts for hours.
@@ -91,7 +74,7 @@ def test_an_interrupted_run_writes_what_was_computed(tmp_path):
 @pytest.mark.parametrize("presses", [1, 2])
 def test_a_file_is_whole_or_absent(tmp_path, presses):
     """The first press waits for the file that is being written, the second one ends the process."""
-    (tmp_path / "free.toml").write_text(BALL.replace("1000001", "300001"))
+    (tmp_path / "free.toml").write_text(FREE.replace("t_end = 6.0", LONG.replace("1000001", "300001")))
     folder = tmp_path / "output" / "free"
     process = started(tmp_path, COMMAND, "run", "free.toml")
     for _ in range(presses):

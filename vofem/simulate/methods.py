@@ -99,8 +99,8 @@ def cheaper(system: System, t_end: float) -> list[str]:
     return [f"cost: with tol={_ROUGH:g}, method='auto' would take {ENERGY_CONSERVING.name}: {why}"]
 
 
-#: So many steps, times the degrees of freedom, take a noticeable time.
-_MUCH = 10_000
+#: So many steps, times the degrees of freedom, take a noticeable time, and a long one.
+_MUCH, _VERY_MUCH = 10_000, 50_000
 
 
 def exact_instead(system: System, t_end: float, tol: float) -> str:
@@ -109,12 +109,19 @@ def exact_instead(system: System, t_end: float, tol: float) -> str:
     return better if method_named(better).exact else ""
 
 
-def without_steps(system: System, t_end: float, tol: float, steps: int) -> list[str]:
-    """Return a note if a run took many steps under a tolerance where ``method="auto"`` takes none."""
-    better = exact_instead(system, t_end, tol) if steps * system.size >= _MUCH else ""
-    if not better:
+def note_cost(system: System, t_end: float, tol: float, steps: int) -> list[str]:
+    """Return a note if a run took many steps under a tolerance, with the method that takes none where there is one."""
+    work = steps * system.size
+    better = exact_instead(system, t_end, tol) if work >= _MUCH else ""
+    if better:
+        return [
+            f"cost: tol = {tol:g} took {steps} steps, and stiff stops or quick modes ask for more of them; {better} "
+            "takes no steps and meets any tolerance for this scene, and method='auto' chooses it"
+        ]
+    if work < _VERY_MUCH:
         return []
     return [
-        f"cost: tol = {tol:g} took {steps} steps, and stiff stops or quick modes ask for more of them; {better} "
-        "takes no steps and meets any tolerance for this scene, and method='auto' chooses it"
+        f"cost: tol = {tol:g} took {steps} steps, of {t_end / steps:.2g} s on the average. Vibration on stiff springs "
+        "and stops asks for such steps in each of its periods as long as it lasts; damping that ends it, or a larger "
+        "tol, takes fewer"
     ]

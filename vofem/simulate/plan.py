@@ -22,7 +22,7 @@ from vofem.laws.law import FEWEST_IN_BAND
 from vofem.progress import Progress, RunProgress
 from vofem.result import Result
 from vofem.scene import Scene
-from vofem.simulate.methods import cheaper, exact_instead, without_steps
+from vofem.simulate.methods import cheaper, exact_instead, note_cost
 from vofem.simulate.start_time import model_at
 from vofem.system import State, System
 
@@ -148,7 +148,7 @@ def _run(scene: Scene, plan: Plan, observer: RunProgress | None, snapshot: dict[
     if method.exact and "tol" not in plan.options:
         solution.notes.extend(cheaper(model.system, plan.t_end))
     if not method.exact and "tol" in plan.options:
-        solution.notes.extend(without_steps(model.system, plan.t_end, plan.options["tol"], solution.counters.steps))
+        solution.notes.extend(note_cost(model.system, plan.t_end, plan.options["tol"], solution.counters.steps))
     if plan.forgotten and snapshot is None:
         solution.notes.append(
             f"springpots: Springpot {plan.forgotten[0]!r} begins without the past that it has in the earlier run, at "

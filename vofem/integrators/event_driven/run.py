@@ -65,6 +65,12 @@ def refusal(system: System) -> str | None:
             return f"{reason}. Use {advice(system, **way)}"
     for load in system.loads:
         if not load.function.closed_form:
+            obstacle = getattr(load.function, "obstacle", "")
+            if obstacle:
+                return (
+                    f"{load.name} has no closed form, which {EVENT_DRIVEN.name} needs: {obstacle}. Use "
+                    f"{advice(conserves=True)}"
+                )
             return (
                 f"{load.name} has no closed form, which {EVENT_DRIVEN.name} needs. Ways out: write it with Sine, Ramp, "
                 "Pulse, Tabulated and their sums; approximate it, vf.Approximated(f, t_end, tolerance); or "

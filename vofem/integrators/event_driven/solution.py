@@ -77,9 +77,10 @@ _TOUCHING = 4.0 * float(np.finfo(float).eps)
 def _sums_of_squares(states: Array, weight: Array) -> Array:
     """Return the sums of weighted squares of states (n, n_times) whose times are rows in memory, shape (n_times,)."""
     sums = np.empty(states.shape[1])
-    # A part at a time stays in fast memory.
-    for k in range(0, sums.size, _ROWS):
-        sums[k : k + _ROWS] = states.T[k : k + _ROWS] ** 2 @ weight
+    # A part at a time stays in fast memory. Energies of motions above 1e150 m or so are infinite.
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(0, sums.size, _ROWS):
+            sums[k : k + _ROWS] = states.T[k : k + _ROWS] ** 2 @ weight
     return sums
 
 
