@@ -76,7 +76,10 @@ def bounces_of(laws: ContactLaws, rows: Array, record: Record, events: Events) -
             values[:, k] = speed, e * speed, (1.0 + e) * speed / inverse, pressed, (1.0 - e**2) * pressed
         else:
             held = np.flatnonzero(record.status(index) == PINNED)
-            speeds = rows[held] @ velocity
+            if j not in held:
+                # It was let go at the same time.
+                continue
+            speeds = np.where(held < events.initial.size, rows[held] @ velocity, 0.0)
             own = int(np.flatnonzero(held == j)[0])
             speed, impulse = speeds[own], np.linalg.solve(rows[held] @ rows[held].T, speeds)[own]
             values[:, k] = speed, 0.0, impulse, 0.5 * speed * impulse, 0.5 * speed * impulse

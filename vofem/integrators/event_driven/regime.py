@@ -551,6 +551,8 @@ def _with_sliders(
     for j in range(len(sliders)):
         if own_status[j] == CLOSED:
             forces[j] = sliders.stiffness[j] * coordinates[first + j]
+            if spectrum.real.shift is not None:
+                forces[j, 0, 0] += sliders.stiffness[j] * (rows[j] @ spectrum.real.shift)
         elif own_status[j] == PINNED:
             assert reaction is not None
             forces[j] = reaction[0][held.tolist().index(first + j)]

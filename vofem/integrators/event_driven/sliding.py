@@ -76,6 +76,14 @@ class SlidingSolution(EventSolution):
                 "are not unique; give one of them a stiffness, or join them into one"
             )
 
+    def go_on(self, saved: dict[str, Any]) -> tuple[float, Integers, Array, Array]:
+        """Restore a snapshot of the same run; return the time and the state from which the run continues."""
+        found = super().go_on(saved)
+        rows, segments = self.space.contacts[self.contact_count :], self.segments
+        speeds = np.abs(segments.velocity) @ np.abs(rows).T + np.abs(self.sliders.belt(segments.starts)).T
+        self._speed = float(np.max(speeds, initial=0.0))
+        return found
+
     # -- statuses -------------------------------------------------------------------------------------
 
     def begin(self, start: State, displacement: Array, velocity: Array, fraction: float, t: float = 0.0) -> Integers:
@@ -125,12 +133,34 @@ class SlidingSolution(EventSolution):
             self._choose(t, status, displacement, velocity, gaps, triggered, undecided)
         return status, gaps
 
+    def at_rest(self, slip: float) -> bool:
+        """Return whether a slip speed is zero but for rounding."""
+        return abs(slip) <= _ZERO * self._speed
+
+    def _against(self, status: Integers, row: Array) -> float:
+        """Return the sign of the friction of a slider whose coordinate contacts that rest at their stops hold, else 0.
+
+        How it shares the load with the stops is not determined. It takes what it can.
+        """
+        stops = self.space.contacts[: self.contact_count][status[: self.contact_count] == PINNED]
+        if not len(stops):
+            return 0.0
+        share = np.linalg.lstsq(stops.T, row, rcond=None)[0]
+        if np.linalg.norm(row - share @ stops) > 1e-9 * np.linalg.norm(row):
+            return 0.0
+        return 1.0 if share.sum() >= 0.0 else -1.0
+
     def _choose(
         self, t: float, status: Integers, displacement: Array, velocity: Array, gaps: Array, triggered: dict[int, int],
         undecided: list[int],
     ) -> None:  # fmt: skip
         """Give the undecided rigid sliders their statuses."""
         first = self.contact_count
+        for j in undecided:
+            sign = self._against(status, self.space.contacts[first + j])
+            if sign:
+                status[first + j] = UP if sign > 0.0 else DOWN
+        undecided = [j for j in undecided if not self._against(status, self.space.contacts[first + j])]
         orders: list[tuple[int, ...]] = []
         for j in undecided:
             lead = triggered.get(first + j, PINNED)

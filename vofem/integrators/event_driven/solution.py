@@ -731,10 +731,13 @@ class EventSolution:
         if bounces is not None:
             struck = events.status[bounces.event] == CLOSED
             np.add.at(lost, bounces.segment[struck], bounces.lost[struck])
+        contacts = len(events.initial)
         for index in range(lost.size):
-            held = self.space.contacts[self.record.status(index) == PINNED]
-            if held.shape[0]:
-                velocity = self.record.state(index)[1]
-                speed = held @ velocity
+            number = np.flatnonzero(self.record.status(index) == PINNED)
+            # A segment of no duration holds the state before a bounce, whose loss is known.
+            if number.size and number[0] < contacts and self.record.durations[index] > 0.0:
+                held = self.space.contacts[number]
+                # Sliders that stick follow their belts and lose nothing.
+                speed = np.where(number < contacts, held @ self.record.state(index)[1], 0.0)
                 lost[index] += 0.5 * speed @ np.linalg.solve(held @ held.T, speed)
         return lost

@@ -151,7 +151,7 @@ class Walker:
                 if at in self._triggered and start[k] >= 0.0:
                     # It has just come to rest, and its speed is zero but for rounding.
                     level[k] += forces[at] * (_NEAR * duration) ** 2
-            elif self.status[at] != PINNED and sliders.rigid[j] and at in self._triggered:
+            elif self.status[at] != PINNED and at in self._triggered and self.solution.at_rest(start[k]):
                 # It begins to slide from rest.
                 start[k] = 0.0
                 level[k] += forces[at] * _NEAR * duration
@@ -170,8 +170,11 @@ class Walker:
         """Choose the statuses of the sliders."""
         assert isinstance(self.solution, SlidingSolution)
         before = self.status
+        # What has come to rest at a stop has lost its speed in an impact, which sliders do not resist.
+        held = self._rows[: self._sliders][before[: self._sliders] == PINNED]
+        velocity = self.velocity - np.linalg.pinv(held) @ (held @ self.velocity) if len(held) else self.velocity
         self.status, self._gaps = self.solution.decide(
-            self.time, before, self.displacement, self.velocity, self._gaps, triggered
+            self.time, before, self.displacement, velocity, self._gaps, triggered
         )
         self.solution.counters.events += int(np.sum(before[self._sliders :] != self.status[self._sliders :]))
 
