@@ -8,7 +8,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from vofem.io.pictures.axes import COLORS, Canvas, Where, goal_of, ink, plain, stroke, text_size
+from vofem.io.pictures.axes import COLORS, Canvas, Where, ink, plain, stroke, text_size
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,7 @@ def log_curves(pictures: Sequence[Panel], path: Where = None, *, ax: Any = None)
     OutputError
         If the file cannot be written.
     """
-    goal = goal_of(path)
-    canvas = Canvas("log_curves", goal, ax, (5.6 * len(pictures), 6.0), 1, len(pictures))
+    canvas = Canvas("log_curves", path, ax, (5.6 * len(pictures), 6.0), 1, len(pictures))
     names = list(dict.fromkeys(c.name for panel in pictures for c in panel.curves if not c.strong))
     for panel, axes in zip(pictures, canvas.grid[0], strict=True):
         shown: set[str] = set()

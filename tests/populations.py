@@ -249,7 +249,7 @@ def end_of(branch, start, stop):
         return "other end", ""
     if last == start and len(branch) > 1:
         return "own end", ""
-    if any("closed" in text for text in branch.notes):
+    if any("is closed: it has come back" in text for text in branch.notes):
         return "closed", ""
     limits = ("interrupted", "max_points", "limit")
     return "limit" if any(word in note for word in limits) else "lost", note

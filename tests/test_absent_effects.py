@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
-from scenes import paper_beam
+from scenes import cantilever, paper_beam
 
 import vofem as vf
 from vofem.assembly import SystemBuilder
@@ -33,7 +36,7 @@ def refuse(*_args, **_kwargs):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_counters_of_a_bare_beam(method):
-    beam = vf.Beam(1.0, 1.0, 1.0, 5, {"left": "clamped"})
+    beam = cantilever(5)
     scene = vf.Scene([beam], initial={beam: (lambda x: 0.01 * x**2, 0.0)})
     result = run(scene, method)
     expected = {
@@ -56,7 +59,8 @@ def test_counters_of_a_bare_beam(method):
 def test_builders_of_absent_effects_are_never_called(method, monkeypatch):
     for name in (
         "add_stiffness", "add_strains", "add_damping", "add_mass", "add_rayleigh", "add_modal_damping",
-        "add_point_load", "add_body_load", "add_acceleration", "add_contact", "add_law",
+        "add_point_load", "add_body_load", "add_acceleration", "add_contact", "add_law", "add_base", "add_tied_mass",
+        "add_travelling_load", "add_travelling_law",
     ):  # fmt: skip
         monkeypatch.setattr(SystemBuilder, name, refuse)
     monkeypatch.setattr(ContactLaws, "force", refuse)
@@ -64,7 +68,7 @@ def test_builders_of_absent_effects_are_never_called(method, monkeypatch):
     monkeypatch.setattr(python, "Callbacks", refuse)
     monkeypatch.setattr(LawGroup, "virgin", refuse)
     monkeypatch.setattr(LawGroup, "alone", property(refuse))
-    beam = vf.Beam(1.0, 1.0, 1.0, 5, {"left": "clamped"})
+    beam = cantilever(5)
     result = run(vf.Scene([beam], initial={beam: (lambda x: 0.01 * x**2, 0.0)}), method)
     assert np.max(np.abs(result.displacement(beam.at(1.0)))) > 0.0
     assert result.counters.gap_evaluations == 0
@@ -96,7 +100,7 @@ def test_fast_modes_do_not_drive_the_search():
 
 
 def test_explain_says_what_is_left_out():
-    beam = vf.Beam(1.0, 1.0, 1.0, 5, {"left": "clamped"}, name="deck")
+    beam = cantilever(5, name="deck")
     text = str(vf.explain(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), vf.Sine(1.0, 1.0))])))
     assert "Beam 'deck': 5 elements, clamped at x = 0" in text
     assert "Method: event_driven" in text
@@ -124,3 +128,18 @@ def test_ideal_switches_have_no_quadrature(monkeypatch):
     _, scene = paper_beam("penetration", elements=5)
     for method in METHODS[1:]:
         assert run(scene, method, 4.0).energy.contact.max() > 0.0
+
+
+def test_what_travels_is_not_imported_without_points_that_travel():
+    code = (
+        "import sys, vofem as vf\n"
+        "beam = vf.Beam(1.0, 1.0, 1.0, 3, {'left': 'clamped'})\n"
+        "stop = vf.Contact(beam.at(1.0), gap=0.01, stiffness=1.0, side='above', acts_on='penetration')\n"
+        "scene = vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), vf.Sine(1.0, 2.0))])\n"
+        "vf.simulate(scene, 0.1, method='event_driven')\n"
+        "vf.simulate(scene, 0.1, method='energy_conserving', dt=0.01)\n"
+        "print([name for name in sys.modules if 'travel' in name])\n"
+    )
+    environment = os.environ | {"VOFEM_COMPILED": "never"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+    assert done.stdout.strip() == "[]"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from orbit_scenes import bilinear, nlvib_03
 from reference_integration import Reference
-from scenes import on_stop, reference
+from scenes import cantilever, on_stop, reference
 
 import vofem as vf
 
@@ -102,7 +102,7 @@ def test_a_level_that_is_not_reached():
 
 
 def test_an_oscillation_of_a_beam_conserves_and_returns():
-    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="beam")
+    beam = cantilever(4, name="beam")
     tip = beam.at(1.0)
     scene = vf.Scene([beam], [vf.Contact(tip, gap=0.01, stiffness=5.0, side="below", acts_on="penetration")])
     branch = vf.backbone(scene, 1, [2e-4, 1e-3])

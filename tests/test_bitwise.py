@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import FORCES, LAWS, two_masses
+from scenes import FORCES, LAWS, cantilever, two_masses
 
 import vofem as vf
 
@@ -59,7 +59,7 @@ def test_mirrored_scene_is_the_negative(method):
     step = {"dt": 5e-5} if method == "central_difference" else {}
     outcomes = []
     for side, sign in (("below", 1.0), ("above", -1.0)):
-        beam = vf.Beam(1.0, 1.0, 1.0, 10, {"left": "clamped"})
+        beam = cantilever(10)
         stop = vf.Contact(beam.at(1.0), gap=0.03, stiffness=10.0, side=side, acts_on="displacement", name="stop")
         scene = vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), vf.Sine(sign * 0.1, 1.0))])
         result = vf.simulate(scene, 6.0, method=method, times=np.linspace(0.0, 6.0, 31), **step)

@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from scenes import cantilever
 
 import vofem as vf
 from vofem.simulate import methods
@@ -72,7 +73,7 @@ def test_a_method_that_is_named_is_taken():
 
 def test_many_steps_where_none_are_needed_are_told():
     """Before the run `explain` says what "auto" takes; after a run with another method a note does."""
-    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"})
+    beam = cantilever(4)
     tip = beam.at(1.0)
     stop = vf.Contact(tip, gap=0.01, stiffness=100.0, side="below", acts_on="penetration", name="stop")
     scene = vf.Scene([beam], [stop, vf.PointLoad(tip, vf.Sine(0.1, 3.0))])

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import SHORT, reference
+from scenes import SHORT, cantilever, reference
 
 import vofem as vf
 from vofem import cli
@@ -311,7 +311,7 @@ def test_energy_table():
 
 
 def test_csv_names(tmp_path):
-    beam = vf.Beam(1.0, 1.0, 1.0, 2, {"left": "clamped"}, name="b")
+    beam = cantilever(2, name="b")
     assert beam.at(0.3).name == "b@0.3"
     result = vf.simulate(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), 1.0)]), 1.0)
     path = write_csv(result, {"tip": beam.at(1.0)}, tmp_path / "x.csv")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import cantilever
 from scipy.linalg import eigh
 
 import vofem as vf
@@ -89,7 +90,7 @@ def test_a_tube_between_damped_stops_balances_its_energy():
 
 def test_energy_taken_where_a_block_is_resonant_or_critically_damped():
     """Integration by parts against fine panels; the load is close to a mode, and one mode is nearly critical."""
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=8, supports={"left": "clamped"}, name="beam")
+    beam = cantilever(8, name="beam")
     omega = np.sqrt(vf.modes(vf.Scene([beam]), 6).frequencies * 2.0 * np.pi) ** 2
     # Rayleigh damping 2 omega = a1 omega^2 is critical at 2 / a1.
     effects = [

@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
-from scenes import paper_beam, two_masses
+from scenes import cantilever, paper_beam, two_masses
 from scipy.linalg import expm
 
 import vofem as vf
@@ -23,7 +23,7 @@ DAMPINGS = {
 
 
 def damped_beam(kind, contact_damping=0.0, elements=6):
-    beam = vf.Beam(1.0, 1.0, 1.0, elements, {"left": "clamped"})
+    beam = cantilever(elements)
     tip = beam.at(1.0)
     stop = vf.Contact(
         tip, gap=0.03, stiffness=5.0, damping=contact_damping, side="below", acts_on="penetration", name="stop"

@@ -128,6 +128,27 @@ def test_a_chain_of_wagons(capsys):
     assert "14.3 of 22.5 kJ" in capsys.readouterr().out
 
 
+def test_friction_and_rigid_impacts(capsys):
+    names = run_page(DOCS / "friction-and-impacts.md")
+    assert names["impacts"].closing[-1] == pytest.approx(2.873479, rel=1e-6)
+    assert np.diff(names["late"].closing[-5:]) == pytest.approx(np.pi, rel=1e-6)
+    assert names["slider"].breaks[0] == pytest.approx(0.4, rel=1e-12)
+    assert names["belt"].energy.balance_error < 1e-13
+    assert names["lost"](10.0) > max(names["lost"](1.0), names["lost"](100.0))
+    assert "accumulate" in capsys.readouterr().out
+
+
+@pytest.mark.kernels("plain")
+def test_a_train_on_a_bridge(capsys):
+    names = run_page(DOCS / "train-on-a-bridge.md")
+    assert names["result"].energy.balance_error < 1e-12
+    assert names["rolled"].energy.balance_error < 1e-11
+    assert names["contact"].openings.size >= 1
+    printed = capsys.readouterr().out
+    for text in ("57.7 m/s: 65.0 mm", "f1 = 3.206 Hz, speed 57.7 m/s", "True"):
+        assert text in printed
+
+
 def test_fitting(capsys):
     """The fit finds the parameters from which the measurement was made, within a few deviations, and says how well."""
     names = run_page(DOCS / "fitting.md")
@@ -151,8 +172,8 @@ OTHERS = {
 #: Pages whose Python has a test of its own.
 OWN = {
     *("README.md", "pictures.md", "steady-states.md", "sweeps.md"),
-    *("first-scene.md", "strip-on-a-stop.md", "tube-in-supports.md", "chain.md"),
-    *("fitting.md", "derivatives.md"),
+    *("first-scene.md", "strip-on-a-stop.md", "tube-in-supports.md", "chain.md", "train-on-a-bridge.md"),
+    *("fitting.md", "derivatives.md", "friction-and-impacts.md"),
 }
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from scenes import LAWS, alone, on_stop, paper_beam, two_masses
+from scenes import LAWS, alone, cantilever, on_stop, paper_beam, two_masses
 
 import vofem as vf
 
@@ -36,7 +36,7 @@ def test_energy_of_an_oscillator_over_a_million_steps(phase):
 @pytest.mark.parametrize(("phase", "steps"), [(0.2, 10**6), (5.0, 10**5), (1e3, 10**5)])
 def test_energy_of_a_beam_on_a_stiff_stop(phase, steps):
     """Phase is omega dt of the highest mode."""
-    beam = vf.Beam(1.0, 1.0, 1.0, 25, {"left": "clamped"})
+    beam = cantilever(25)
     stop = vf.Contact(beam.at(1.0), gap=0.03, stiffness=1e4, side="below", acts_on="penetration")
     scene = vf.Scene([beam], [stop], initial={beam: (lambda x: -0.025 * x**2 * (3 - x), 0.0)})
     dt = phase / 37424.0

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from scenes import on_stop
+from scenes import cantilever, on_stop
 
 import vofem as vf
 from vofem.integrators.event_driven import follow, regime, table, tangent
@@ -15,7 +15,7 @@ from vofem.system import Counters
 
 
 def beam_on_a_stop(elements=6, *effects, acts_on="displacement", stiffness=20.0, damping=0.0):
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=elements, supports={"left": "clamped"})
+    beam = cantilever(elements)
     tip = beam.at(1.0)
     stop = vf.Contact(tip, gap=0.03, stiffness=stiffness, damping=damping, side="below", acts_on=acts_on)
     return vf.Scene([beam], [stop, vf.PointLoad(tip, vf.Sine(0.1, 1.0)), *effects])

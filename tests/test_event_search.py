@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import on_stop
+from scenes import cantilever, on_stop
 from scipy.optimize import brentq
 
 import vofem as vf
@@ -66,7 +66,7 @@ def test_grazing_of_overdamped_motions(exact, stiffness, load, speed, bracket, e
 @pytest.mark.parametrize("side", ["below", "above"])
 def test_a_heavily_damped_beam_that_starts_at_its_stop(side):
     """Its fast modes are overdamped, up to rates of 1e8 1/s, and decay at 100 1/s after that."""
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=50, supports={"left": "clamped"})
+    beam = cantilever(50)
     tip = beam.at(1.0)
     stop = vf.Contact(tip, gap=0.0, stiffness=100.0, side=side, acts_on="penetration")
     scene = vf.Scene([beam], [stop, vf.RayleighDamping(0.0, 1e-2), vf.PointLoad(tip, vf.Sine(1.0, 5.0))])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import alone
+from scenes import alone, cantilever
 from scipy.sparse import diags
 
 import vofem as vf
@@ -30,7 +30,7 @@ def direct(scene, omega, point, closed=(), springpots=()):
 
 
 def beam_with_everything():
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=10, supports={"left": "clamped"})
+    beam = cantilever(10)
     mass = vf.Mass(0.3, stiffness=2.0, damping=0.05)
     effects = [
         vf.PointLoad(beam.at(0.63), vf.Sine(0.2, omega=1.0)),
@@ -80,7 +80,7 @@ def receptance(omega):
 
 @pytest.mark.parametrize(("elements", "tolerance"), [(50, 2e-4), (2000, 1e-10)])
 def test_cantilever_in_closed_form(elements, tolerance):
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=elements, supports={"left": "clamped"})
+    beam = cantilever(elements)
     scene = vf.Scene([beam], [vf.PointLoad(beam.at(1.0), vf.Sine(0.3, omega=2.0))])
     frequencies = np.array([0.2, 1.0, 5.0, 12.3, 30.0])
     response = vf.frequency_response(scene, frequencies)

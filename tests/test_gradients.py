@@ -67,6 +67,30 @@ def test_the_pass_backward_gives_the_forward_derivatives(case: Any) -> None:
             assert np.max(np.abs(found - right) * unit) < 1e-12 * np.max(np.abs(right) * unit), name
 
 
+def test_an_impulse_that_ends_when_a_resting_contact_is_released() -> None:
+    mass = vf.Mass(1.0, stiffness=10.0, damping=2.0, name="mass")
+    stop = vf.Contact(mass, gap=0.1, stiffness=200.0, side="above", acts_on="displacement", name="stop")
+    load = vf.PointLoad(mass, vf.Constant(6.0) + vf.Sine(7.0, 0.15), name="load")
+    scene = vf.Scene([mass], [stop, load])
+    run = vf.simulate(scene, 30.0, times=[30.0], method="event_driven", pin_fraction=1e-3)
+    contact = run.contacts["stop"]
+    # The contact rests at its gap until the load is no larger than the force of the mass's own spring there.
+    released = float(contact.pinned[0, 1])
+    assert 6.0 + 7.0 * np.sin(0.15 * released) == pytest.approx(10.0 * 0.1, abs=1e-9)
+    last = len(contact.impacts)
+    assert contact.impacts.opening[last - 1] == released
+    parameters = [Parameter("stop", "gap"), Parameter("mass", "mass"), Parameter("mass", "stiffness"),
+                  Parameter("load", "f.terms.1.amplitude"), Parameter("load", "f.terms.1.omega")]  # fmt: skip
+    d = vf.sensitivities(run, parameters).contacts["stop"].impacts
+    # 7 cos(0.15 t) 0.15 dt = 10 dgap
+    rate = 7.0 * 0.15 * np.cos(0.15 * released)
+    assert np.allclose(d.opening[-1, :3], [10.0 / rate, 0.0, 0.1 / rate], atol=1e-10)
+    for objective, right in ((vf.objectives.impulse("stop", last), d.impulse[-1]),
+                             (vf.objectives.peak_force("stop", last), d.peak_force[-1])):  # fmt: skip
+        found = vf.gradient(run, objective, parameters)
+        assert np.max(np.abs(found - right)) < 1e-12 * np.max(np.abs(right))
+
+
 def test_wrong_objectives_are_refused() -> None:
     scene, parameters, point = ball_case()
     run = vf.simulate(scene, 0.6, method="event_driven")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import LAWS
+from scenes import LAWS, cantilever
 
 import vofem as vf
 
@@ -85,7 +85,7 @@ def test_parallel_contacts_on_a_beam_add(share, stiffness, acts_on):
     """Eq. 14, within the chaos horizon."""
     outcomes = []
     for parts in ((share * stiffness, (1.0 - share) * stiffness), (stiffness,)):
-        beam = vf.Beam(1.0, 1.0, 1.0, 5, {"left": "clamped"})
+        beam = cantilever(5)
         stops = [vf.Contact(beam.at(1.0), gap=0.02, stiffness=k, side="below", acts_on=acts_on) for k in parts]
         scene = vf.Scene([beam], [*stops, vf.PointLoad(beam.at(1.0), vf.Sine(-0.2, 2.0))])
         result = vf.simulate(scene, 4.0, times=np.linspace(0.0, 4.0, 41))

@@ -14,6 +14,7 @@ from campaigns import campaign
 from hunt_reference import HuntReference, SpringpotReference
 from hunt_scenes import case as random_case
 from hunt_scenes import decades
+from scenes import cantilever
 
 import vofem as vf
 
@@ -97,7 +98,7 @@ def test_right_or_told(seed):
 def beam_at_a_stop(rng):
     """Return a scene whose stop excites modes that are quicker than the load, its tip, and how it is run."""
     elements, gap = rng.randint(2, 6), decades(rng, -3, -1.3)
-    beam = vf.Beam(1.0, 1.0, 1.0, elements, {"left": "clamped"}, name="beam")
+    beam = cantilever(elements, name="beam")
     tip = beam.at(1.0)
     stop = vf.Contact(tip, gap=gap, stiffness=decades(rng, 1, 3), side=rng.choice(["above", "below"]),
                       acts_on="penetration", name="stop")  # fmt: skip

@@ -10,14 +10,13 @@ import itertools
 import os
 import random
 import shutil
-import sys
 import tempfile
-import traceback
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
+from campaigns import campaign
 
 import vofem as vf
 from vofem.studies.sweep import SweepInterrupted
@@ -125,9 +124,7 @@ def function(seed, **point):
     calls, *stops = os.environ["HUNT_STOPS"].split()
     os.environ["HUNT_STOPS"] = " ".join([str(int(calls) + 1), *stops])
     if calls in stops:
-        store, killed = os.environ["HUNT_FOLDERS"].split(os.pathsep)
-        shutil.rmtree(killed, ignore_errors=True)
-        shutil.copytree(store, killed)
+        shutil.copytree(os.environ["HUNT_FOLDER"], os.environ["HUNT_KILLED"])
         raise KeyboardInterrupt
     return returned(seed, point)
 
@@ -144,11 +141,11 @@ def fault(seed):
     with ThreadPoolExecutor(3) as threads:
         if found := differences(run(executor=threads), right):
             return f"threads: {found}"
-    with tempfile.TemporaryDirectory() as folder:
-        place, killed = Path(folder, "store"), Path(folder, "killed")
-        store = place / "rows.h5"
-        place.mkdir()
-        os.environ["HUNT_FOLDERS"] = f"{place}{os.pathsep}{killed}"
+    with tempfile.TemporaryDirectory() as base:
+        folder, killed = Path(base, "folder"), Path(base, "killed")
+        folder.mkdir()
+        store = folder / "rows.h5"
+        os.environ["HUNT_FOLDER"], os.environ["HUNT_KILLED"] = str(folder), str(killed)
         os.environ["HUNT_STOPS"] = " ".join(["0", *(str(rng.randint(0, 2 * len(rows))) for _ in range(3))])
         for _ in range(5):
             try:
@@ -159,8 +156,14 @@ def fault(seed):
             if not stopped.sweep.missing:
                 return "nothing is said of points that were not reached"
             if rng.random() < 0.5:
-                shutil.rmtree(place)
-                killed.rename(place)
+                shutil.rmtree(folder)
+                shutil.copytree(killed, folder)
+                (folder / "rows.h5.lock").unlink()
+                log = folder / "rows.h5.sqlite-wal"
+                if log.exists() and rng.random() < 0.5:
+                    # The last transaction was being written.
+                    log.write_bytes(log.read_bytes()[: rng.randint(0, log.stat().st_size)])
+            shutil.rmtree(killed)
         else:
             return "does not end"
         if found := differences(table, right):
@@ -170,8 +173,8 @@ def fault(seed):
             return f"{again.counters['computed']} rows were computed again"
         if found := differences(again, right) or (len(loaded.points.rows) == len(rows) and differences(loaded, right)):
             return f"stored: {found}"
-        if [path.name for path in place.iterdir()] != ["rows.h5"]:
-            return f"files {list(place.iterdir())}"
+        if [path.name for path in folder.iterdir()] != ["rows.h5"]:
+            return f"files {list(folder.iterdir())}"
     return None
 
 
@@ -180,16 +183,5 @@ def test_the_table_is_that_of_a_loop(seed):
     assert fault(seed) is None
 
 
-def campaign(first, last):
-    """Print the faults of the seeds from `first` to below `last`."""
-    for seed in range(first, last):
-        try:
-            found = fault(seed)
-        except Exception:
-            found = traceback.format_exc(limit=-3)
-        if found:
-            print(seed, found, flush=True)
-
-
 if __name__ == "__main__":
-    campaign(int(sys.argv[1]), int(sys.argv[2]))
+    campaign(fault)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import cantilever
 from scipy.optimize import brentq
 
 import vofem as vf
@@ -346,7 +347,7 @@ def test_hysteretic_loss_in_closed_form():
 
 def test_a_hysteretic_support_of_a_beam():
     """With the tip compliance L^3/3EI: ``u = G (P - F(u))`` by a scalar solver, loading and unloading."""
-    beam = vf.Beam(1.0, 1.0, 1.0, 8, {"left": "clamped"})
+    beam = cantilever(8)
     spring = vf.HystereticSpring(
         beam.at(1.0), stiffness=10.0, linear_limit=0.05, softening=vf.LinearSoftening(0.4), memory="cyclic", name="s"
     )

@@ -11,7 +11,7 @@ from hunt_reference import HuntReference
 from hunt_scenes import Case
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import broken_off
+from scenes import broken_off, cantilever
 from scipy.integrate import solve_ivp
 
 import vofem as vf
@@ -197,7 +197,7 @@ def test_the_balance_of_energy_closes(chosen, log_dt, log_speed, force, omega):
 @pytest.mark.parametrize("method", METHODS)
 def test_hysteretic_supports_of_a_beam(method):
     """Between nodes and at the tip, several at once; both the balance and the loop's area."""
-    beam = vf.Beam(1.0, 1.0, 1.0, 6, {"left": "clamped"})
+    beam = cantilever(6)
     effects = springs_on([beam.at(0.4), beam.at(0.77), beam.at(1.0)], ["bilinear", "cyclic", "iwan"])
     effects.append(vf.PointLoad(beam.at(1.0), vf.Sine(3.0, 2.0)))
     dt = {"energy_conserving": 2e-3, "generalized_alpha": 1e-3, "central_difference": 5e-4}[method]
@@ -215,7 +215,7 @@ def test_hysteretic_supports_of_a_beam(method):
 
 def test_reaction_with_a_hysteretic_support():
     """At rest under a constant load, damped: the support bears what the spring does not."""
-    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"})
+    beam = cantilever(4)
     spring = vf.HystereticSpring(
         beam.at(1.0), stiffness=10.0, linear_limit=0.05, softening=vf.LinearSoftening(0.4), memory="cyclic", name="s"
     )
@@ -243,7 +243,7 @@ def test_dissipation_is_the_loop_area_in_a_steady_state():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_runs_are_saved_and_loaded_whole(method, tmp_path):
-    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="deck")
+    beam = cantilever(4, name="deck")
     effects = springs_on([beam.at(0.5), beam.at(1.0), beam.at(0.8)], ["cyclic", "iwan", "stop"])
     effects.append(vf.PointLoad(beam.at(1.0), vf.Sine(3.0, 2.0)))
     result = vf.simulate(vf.Scene([beam], effects), 2.0, method=method, dt=1e-3)

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scenes import on_stop, paper_beam
+from scenes import cantilever, on_stop, paper_beam
 
 import vofem as vf
 
@@ -282,7 +282,7 @@ def test_rotations_have_their_own_units():
 
 def _rattling(case):
     """Modes without damping, each with its own, driven by ramps, free as a whole, or against a stiff stop."""
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=5, supports={"left": "clamped"})
+    beam = cantilever(5)
     tip = beam.at(1.0)
     law, stiffness, load, more = "displacement", 1.0, vf.Sine(0.1, 1.0), []
     if case == "damped":

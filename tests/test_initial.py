@@ -10,7 +10,7 @@ import weakref
 
 import numpy as np
 import pytest
-from scenes import broken_off
+from scenes import broken_off, cantilever
 
 import vofem as vf
 
@@ -18,7 +18,7 @@ STEPPING = ("energy_conserving", "generalized_alpha", "central_difference")
 
 
 def beam_on_stop(acts_on="penetration", damping=None, initial=None, load=None):
-    beam = vf.Beam(1.0, 1.0, 1.0, 8, {"left": "clamped"}, name="beam")
+    beam = cantilever(8, name="beam")
     tip = beam.at(1.0)
     stop = vf.Contact(tip, gap=0.03, stiffness=1.0, side="below", acts_on=acts_on, name="stop")
     effects = [stop, vf.PointLoad(tip, load or vf.Sine(0.1, 1.0)), *([] if damping is None else [damping])]
@@ -111,7 +111,7 @@ def test_bad_initial(initial, message):
 
 def test_outcomes_of_other_meshes_and_bodies_are_refused():
     scene, _ = beam_on_stop()
-    other = vf.Scene([vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="beam")])
+    other = vf.Scene([cantilever(4, name="beam")])
     with pytest.raises(vf.ArgumentError, match=r"simulate: initial has 10 degrees of freedom .* expected 18"):
         vf.simulate(scene, 1.0, initial=vf.simulate(other, 1.0))
     with pytest.raises(vf.ArgumentError, match="no body is named 'beam'"):
@@ -182,7 +182,7 @@ def test_t_start_shifts_callables_and_orders():
 
 
 def test_t_start_reaches_reactions():
-    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="b")
+    beam = cantilever(4, name="b")
     results = [
         vf.simulate(vf.Scene([beam], [vf.DistributedLoad(beam, 1.0, vf.Sine(1.0, 1.0, phase))]), 1.0, t_start=t)
         for t, phase in ((2.0, 0.0), (0.0, 2.0))
@@ -257,7 +257,8 @@ def test_threads_may_run_one_scene():
     found = [None] * 4
 
     def work(k):
-        found[k] = vf.simulate(scene, 8.0, initial={scene.bodies[0]: (lambda x: 0.01 * k * x**2, 0.0)})
+        start = {scene.bodies[0]: (lambda x: 0.01 * k * x**2, 0.0)}
+        found[k] = vf.simulate(scene, 8.0, initial=start, compiled=False)
 
     threads = [threading.Thread(target=work, args=(k,)) for k in range(4)]
     for thread in threads:
@@ -267,7 +268,8 @@ def test_threads_may_run_one_scene():
     assert sum(result.counters.eigensolves for result in found) == 1
     for k, result in enumerate(found):
         fresh, _ = beam_on_stop()
-        assert same(result, vf.simulate(fresh, 8.0, initial={fresh.bodies[0]: (lambda x, k=k: 0.01 * k * x**2, 0.0)}))
+        start = {fresh.bodies[0]: (lambda x, k=k: 0.01 * k * x**2, 0.0)}
+        assert same(result, vf.simulate(fresh, 8.0, initial=start, compiled=False))
 
 
 def test_what_is_kept_is_neither_copied_nor_pickled():

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from random_scenes import scene as random_scene
-from scenes import broken_off, paper_beam
+from scenes import broken_off, cantilever, paper_beam
 
 import vofem as vf
 from vofem.kernels import choice as compile_choice
@@ -21,7 +21,7 @@ from vofem.kernels.mode import Outgrown, kernels
 
 def everything():
     """Return a scene with every kind of law, on a short beam and a mass."""
-    beam = vf.Beam(1.0, 1.0, 1.0, 3, {"left": "clamped"}, name="beam")
+    beam = cantilever(3, name="beam")
     mass = vf.Mass(0.3, stiffness=2.0, damping=0.05, name="mass")
     tip, middle = beam.at(1.0), beam.at(0.5)
     effects = [

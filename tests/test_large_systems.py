@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scenes import paper_beam
+from scenes import cantilever, paper_beam
 from scipy.sparse import csr_matrix
 
 import vofem as vf
@@ -106,7 +106,7 @@ def test_static_responses_keep_their_digits(name):
 @pytest.mark.parametrize("elements", [1000, 10_000, 100_000])
 def test_equilibrium_of_fine_meshes(elements):
     """Half of the answer would be lost with K at 10 000 elements."""
-    beam = vf.Beam(1.0, 1.0, 1.0, elements, {"left": "clamped"})
+    beam = cantilever(elements)
     load = vf.PointLoad(beam.at(1.0), -1.0)
     free = vf.equilibrium(vf.Scene([beam], [load]))
     assert free.displacement(beam.at(1.0)) == pytest.approx(-1.0 / 3.0, rel=1e-11)
@@ -186,7 +186,7 @@ def free_beam(elements):
 
 
 def thrown_beam(elements):
-    beam = vf.Beam(1.0, 1.0, 1.0, elements, {"left": "clamped"})
+    beam = cantilever(elements)
     stop = vf.Contact(beam.at(1.0), gap=0.01, stiffness=100.0, side="below", acts_on="penetration")
     start = {beam: (lambda x: 0.02 * x**2, lambda x: -0.1 * x**2)}
     return vf.Scene([beam], [stop, vf.RayleighDamping(0.1, 1e-4)], initial=start), beam.at(1.0)
@@ -210,7 +210,7 @@ def string_on_stop(elements):
 
 
 def joined_beams(elements):
-    left = vf.Beam(1.0, 1.0, 1.0, elements, {"left": "clamped"})
+    left = cantilever(elements)
     right = vf.Beam(1.0, 2.0, 1.0, elements, {"right": "clamped"})
     effects = [
         vf.Spring(left.at(0.5), right.at(0.5), stiffness=20.0),
@@ -310,7 +310,7 @@ def test_all_modes_of_a_fine_mesh_are_right_to_rounding(elements, supports, spri
 @pytest.mark.parametrize("stiffness", [1e-12, 1e-6, 1.0, 1e6])
 def test_modes_of_two_equal_beams_with_a_spring_between_them(stiffness):
     """All frequencies are nearly equal in pairs."""
-    left, right = (vf.Beam(1.0, 1.0, 1.0, 60, {"left": "clamped"}) for _ in range(2))
+    left, right = (cantilever(60) for _ in range(2))
     join = vf.Spring(left.at(1.0), right.at(1.0), stiffness=stiffness)
     check_modes(vf.Scene([left, right], [join, vf.PointLoad(left.at(1.0), 1.0)]).model.system)
 
@@ -358,7 +358,7 @@ def test_rounding_of_all_modes_is_told():
 
 
 def test_too_many_contacts_and_too_many_modes_are_refused_by_name():
-    beam = vf.Beam(1.0, 1.0, 1.0, 4000, {"left": "clamped"})
+    beam = cantilever(4000)
     load = vf.PointLoad(beam.at(1.0), 1.0)
     bed = vf.Scene([beam], [vf.Foundation(beam, stiffness=1.0, one_sided=True), load])
     with pytest.raises(MethodError, match=rf"8000 .* 4001 contacts.* need more than {MOST_VECTORS} Ritz vectors"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from orbit_scenes import bilinear, nlvib_03
+from scenes import cantilever
 
 import vofem as vf
 from vofem.errors import ArgumentError, MethodError
@@ -84,7 +85,7 @@ def test_loci_of_folds_and_flips_meet_at_one_point(branches):
 
 def test_two_folds_meet_at_a_cusp():
     """A softly limited beam has no folds below the cusp, two close ones above, and the locus has its tip there."""
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=2, supports={"left": "clamped"}, name="beam")
+    beam = cantilever(2, name="beam")
     tip = beam.at(1.0)
     rest = [
         vf.Contact(tip, gap=0.005, stiffness=5.0, side="below", acts_on="penetration", name="stop"),

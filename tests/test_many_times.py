@@ -6,7 +6,7 @@ import copy
 
 import numpy as np
 import pytest
-from scenes import alone
+from scenes import alone, cantilever
 
 import vofem as vf
 from vofem.kernels.mode import kernels
@@ -57,7 +57,7 @@ EFFECTS = {
 @pytest.mark.parametrize("name", EFFECTS)
 def test_many_times_are_sampled_as_each_alone(name):
     """The gap function shortly after an event keeps its digits too; loads are a harmonic, a constant and a ramp."""
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=8, supports={"left": "clamped"}, name="beam")
+    beam = cantilever(8, name="beam")
     tip = beam.at(1.0)
     damping = 0.2 if name == "complex modes" else 0.0
     stop = vf.Contact(tip, gap=0.03, stiffness=50.0, side="below", acts_on="penetration", damping=damping, name="stop")
@@ -94,7 +94,7 @@ def test_the_samples_of_many_times_outlive_energies_at_one():
 
 
 def tube(load, *more, damping=0.5, law="penetration"):
-    beam = vf.Beam(1.0, 1.0, 1.0, 8, {"left": "clamped"})
+    beam = cantilever(8)
     stops = [
         vf.Contact(beam.at(x), gap=0.01, stiffness=300.0, damping=damping, side=side, acts_on=law, name=f"{side} {x}")
         for x in (0.5, 1.0)

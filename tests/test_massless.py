@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import cantilever
 
 import vofem as vf
 from vofem.errors import ArgumentError, StepSizeError
@@ -35,7 +36,7 @@ def test_a_massless_stretch_of_beam_is_refused_by_name(rhoA, where):
 
 
 def test_a_point_mass_of_nothing_changes_nothing():
-    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"})
+    beam = cantilever(4)
     load = vf.PointLoad(beam.at(1.0), 1.0)
     plain = vf.simulate(vf.Scene([beam], [load]), 1.0)
     loaded = vf.simulate(vf.Scene([beam], [load, vf.PointMass(beam.at(1.0), mass=0.0)]), 1.0)

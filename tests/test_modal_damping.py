@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scenes import cantilever
 
 import vofem as vf
 from vofem.errors import ArgumentError
@@ -71,7 +72,7 @@ def test_several_modal_dampings_add_up_mode_by_mode():
 
 
 def test_the_reaction_of_a_support_holds_the_damping_of_each_mode():
-    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="beam")
+    beam = cantilever(4, name="beam")
     scene = vf.Scene([beam], [vf.ModalDamping([0.05, 0.2]), vf.PointLoad(beam.at(1.0), vf.Sine(1.0, 3.0))])
     result = vf.simulate(scene, 1.0, times=np.linspace(0.0, 1.0, 5))
     system, samples = scene.model.system, result.samples

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from orbit_scenes import nlvib_03
 from populations import away
+from scenes import cantilever
 from scipy.interpolate import CubicHermiteSpline
 
 import vofem as vf
@@ -62,7 +63,7 @@ def test_a_pair_leaves_the_unit_circle_and_becomes_real_within_one_step():
 
 def test_orbits_that_do_not_repeat_are_not_on_a_branch():
     """Two touches that merge: coordinates at an event that ignore other events near it follow orbits that are none."""
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=2, supports={"left": "clamped"}, name="beam")
+    beam = cantilever(2, name="beam")
     point = beam.at(0.6)
     rest = [
         vf.Contact(point, gap=0.00525, stiffness=43000.0, side="above", acts_on="penetration", name="stop"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import alone
+from scenes import alone, cantilever
 
 import vofem as vf
 from vofem.integrators.stepping.checks import check_times
@@ -36,12 +36,12 @@ def driven():
 
 
 def fine_beam():
-    beam = vf.Beam(1.0, 1.0, 1.0, 4000, {"left": "clamped"}, name="b")
+    beam = cantilever(4000, name="b")
     return vf.Scene([beam], [vf.PointLoad(beam.at(1.0), 1.0)])
 
 
 def stiff_tip():
-    beam = vf.Beam(1.0, 1.0, 1.0, 25, {"left": "clamped"}, name="b")
+    beam = cantilever(25, name="b")
     tip = vf.Contact(beam.at(1.0), gap=0.03, stiffness=1e7, side="below", acts_on="penetration", name="stop")
     return vf.Scene([beam], [tip])
 

@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 import pytest
+from scenes import cantilever
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -307,7 +308,7 @@ def test_a_law_whose_force_may_fall_is_refused_by_name():
 
 def test_a_reaction_counts_it():
     """What the clamp of a beam holds is what inertia and the spring leave over."""
-    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="b")
+    beam = cantilever(4, name="b")
     tip = beam.at(1.0)
     scene = vf.Scene(
         [beam], [SinhSpring(tip, stiffness=STIFFNESS, length=LENGTH), vf.PointLoad(tip, 2.0), vf.RayleighDamping(3.0)]

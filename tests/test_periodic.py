@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from orbit_scenes import bilinear, impact_oscillator, nlvib_03, state_at_cosine
 from reference_integration import Reference
-from scenes import reference
+from scenes import cantilever, reference
 
 import vofem as vf
 
@@ -80,7 +80,7 @@ def test_the_impact_oscillator_of_ing(omega, stable, state):
 
 
 def test_an_orbit_of_a_beam_against_an_independent_integration():
-    beam = vf.Beam(1.0, 1.0, 1.0, 2, {"left": "clamped"}, name="beam")
+    beam = cantilever(2, name="beam")
     tip = beam.at(1.0)
     effects = [
         vf.Contact(tip, gap=0.03, stiffness=20.0, side="below", acts_on="penetration", name="stop"),
@@ -223,7 +223,7 @@ def test_an_orbit_as_a_guess_lends_its_modes(monkeypatch):
     """At another frequency, or with another gap, no eigenvalue problem is solved; the orbit is that found without."""
 
     def build(omega, gap=0.03):
-        beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=5, supports={"left": "clamped"}, name="beam")
+        beam = cantilever(5, name="beam")
         tip = beam.at(1.0)
         stop = vf.Contact(tip, gap=gap, stiffness=10.0, side="below", acts_on="penetration", name="stop")
         return vf.Scene([beam], [stop, vf.PointLoad(tip, vf.Sine(0.05, omega)), vf.RayleighDamping(0.1, 1e-3)])

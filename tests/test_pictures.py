@@ -3,7 +3,7 @@
 import matplotlib.image
 import numpy as np
 import pytest
-from scenes import paper_beam
+from scenes import cantilever, paper_beam
 
 import vofem as vf
 from vofem.io.pictures import axes as picture_axes
@@ -34,7 +34,7 @@ def paper():
 
 
 def two_beams():
-    lower = vf.Beam(1.0, 1.0, 1.0, 10, supports={"left": "clamped"}, name="lower")
+    lower = cantilever(10, name="lower")
     upper = vf.Beam(1.2, 2.0, 1.0, 12, supports={"left": "pinned", "right": "guided"}, name="upper")
     contact = vf.Contact(lower.at(1.0), upper.at(0.6), gap=0.02, stiffness=50.0, acts_on="penetration", name="c")
     return vf.Scene([lower, upper], [contact, vf.PointLoad(lower.at(1.0), vf.Constant(0.3))])
@@ -189,7 +189,7 @@ def stops(*stiffnesses):
     """Runs of one beam against stops of several stiffnesses, by these."""
     runs = {}
     for stiffness in stiffnesses:
-        beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="beam")
+        beam = cantilever(4, name="beam")
         stop = vf.Contact(beam.at(1.0), gap=0.01, stiffness=stiffness, side="below", acts_on="penetration", name="stop")
         scene = vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), -0.1)])
         runs[f"{stiffness:g}"] = vf.simulate(scene, 2.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import paper_beam
+from scenes import cantilever, paper_beam
 
 import vofem as vf
 
@@ -103,7 +103,7 @@ def test_undamped_beam_on_a_stiff_stop_finishes(stiffness):
 
 def test_several_contacts_in_any_mix():
     """Two stops under a damped beam: pinned, open and closed side by side."""
-    beam = vf.Beam(1.0, 1.0, 1.0, 8, {"left": "clamped"})
+    beam = cantilever(8)
     stops = [
         vf.Contact(beam.at(x), gap=g, stiffness=k, side="below", acts_on="displacement", name=f"s{i}")
         for i, (x, g, k) in enumerate(((0.5, 0.01, 20.0), (0.75, 0.02, 5.0), (1.0, 0.03, 4.0)))

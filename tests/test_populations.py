@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from populations import REPEATS, SAME, Outcome, away, both_ways, differing, drawn, end_of, followed
@@ -20,6 +22,16 @@ def test_a_branch_of_the_population(seed):
     assert max(found[0].away + found[1].away) <= REPEATS
     assert differing(case, *found) <= SAME
     assert found[0].special
+
+
+def test_a_lost_branch_tells_what_its_contacts_do():
+    """A cantilever on a stop whose force jumps touches it ever more often, for ever shorter times."""
+    case = drawn(31)
+    found = followed(case, case.start, case.stop)
+    assert found.end == "lost"
+    assert re.search(r"lost at 37\.84\d+: .* contact 'one' touches 6 times an orbit", found.reason)
+    assert "it may chatter: touches of 'one' may become infinitely many" in found.reason
+    assert "guess=" in found.reason
 
 
 def test_a_seed_gives_the_same_scene_again():

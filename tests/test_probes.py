@@ -5,7 +5,7 @@ import csv
 import h5py
 import numpy as np
 import pytest
-from scenes import alone, broken_off
+from scenes import alone, broken_off, cantilever
 
 import vofem as vf
 from vofem.io.csv_file import write_probes
@@ -17,7 +17,7 @@ T_END, DT = 0.5, 1e-4
 
 
 def beam_on_stop():
-    beam = vf.Beam(1.0, 1.0, 1.0, 5, {"left": "clamped"}, name="beam")
+    beam = cantilever(5, name="beam")
     tip = beam.at(1.0)
     stop = vf.Contact(tip, gap=0.01, stiffness=10.0, side="below", acts_on="penetration", name="stop")
     return vf.Scene([beam], [stop, vf.PointLoad(tip, vf.Sine(-0.5, 6.0))]), beam
@@ -116,7 +116,7 @@ def test_a_resumed_run_has_one_record(method, tmp_path):
 
 
 def test_memory_grows_with_the_points_only():
-    beam = vf.Beam(1.0, 1.0, 1.0, 50, {"left": "clamped"}, name="beam")
+    beam = cantilever(50, name="beam")
     scene = vf.Scene([beam], [vf.PointLoad(beam.at(1.0), 1.0)])
     result = vf.simulate(scene, 2.0, method="generalized_alpha", dt=1e-3, times=[0.0, 1.0, 2.0], probes=[beam.at(1.0)])
     record = result.recorded

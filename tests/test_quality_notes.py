@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from scenes import alone, on_stop
+from scenes import alone, cantilever, on_stop
 
 import vofem as vf
 from vofem.integrators.rounding import static_loss
@@ -61,7 +61,7 @@ def test_impacts_that_are_too_short_for_a_method_which_does_not_conserve_energy(
 
 def beam_at_a_stop():
     """The second mode, which the stop excites, is seven times as quick as the load and loses phase in every period."""
-    beam = vf.Beam(1.0, 1.0, 1.0, 6, {"left": "clamped"})
+    beam = cantilever(6)
     tip = beam.at(1.0)
     stop = vf.Contact(tip, gap=0.01, stiffness=100.0, side="below", acts_on="penetration", name="stop")
     return vf.Scene([beam], [stop, vf.PointLoad(tip, vf.Sine(0.1, 3.0))]), tip
@@ -172,7 +172,7 @@ def test_rounding_of_fine_meshes(elements, expected, supports):
 @pytest.mark.parametrize(("stiffness", "expected"), [(1e3, 0), (1e7, 1)])
 @pytest.mark.parametrize("method", ["event_driven", "energy_conserving"])
 def test_contacts_stiffer_than_the_mesh(stiffness, expected, method):
-    beam = vf.Beam(1.0, 1.0, 1.0, 25, {"left": "clamped"})
+    beam = cantilever(25)
     stop = vf.Contact(beam.at(1.0), gap=0.03, stiffness=stiffness, side="below", acts_on="penetration", name="stop")
     result = vf.simulate(vf.Scene([beam], [stop]), 0.01, method=method)
     assert len(told(result, "resolution: contact 'stop' is 53 times stiffer than the mesh")) == expected
@@ -191,7 +191,7 @@ def test_a_blow_up_through_rounding_says_so():
 
 def test_one_step_under_a_load_that_begins_is_no_blow_up():
     """The velocity after the step holds half a step of the load, whose work is counted with the next half step."""
-    beam = vf.Beam(1.0, 1.0, 1.0, 25, {"left": "clamped"})
+    beam = cantilever(25)
     scene = vf.Scene([beam], [vf.PointLoad(beam.at("right"), vf.Sine(0.1, 1.0))])
     result = vf.simulate(scene, 4.27e-5, method="central_difference", dt=4.27e-5)
     assert 0.0 < result.velocity(beam.at("right"))[-1] < 1e-6

@@ -6,7 +6,7 @@ import inspect
 
 import numpy as np
 import pytest
-from scenes import on_stop, paper_beam
+from scenes import cantilever, on_stop, paper_beam
 
 import vofem as vf
 
@@ -55,7 +55,7 @@ def test_steps_share_factors_where_only_loads_in_time_differ():
 
 def test_every_effect_can_be_made_anew():
     """Every argument of a constructor is an attribute."""
-    beam, other, mass = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}), vf.Beam(1.0, 1.0, 1.0, 4), vf.Mass(1.0)
+    beam, other, mass = cantilever(4), vf.Beam(1.0, 1.0, 1.0, 4), vf.Mass(1.0)
     tip = beam.at(1.0)
     effects = [
         vf.Contact(tip, mass, gap=0.1, stiffness=1.0, damping=0.1, acts_on="penetration", switch=vf.Resolved(1e-3)),

@@ -94,6 +94,23 @@ def test_a_ball_at_rest_stays_and_is_lifted_when_the_load_says_so() -> None:
     assert result.displacement(ball)[-1] == pytest.approx(10.0 * late**3 / 12.0, rel=1e-12)
 
 
+def test_a_load_that_begins_on_a_mass_at_its_stop_presses_it_on() -> None:
+    """Nothing pushes at t = 0. The first force that grows decides: towards the stop it is pinned, away it leaves."""
+    for sign in (1.0, -1.0):
+        mass = vf.Mass(1.0, stiffness=1.0, damping=0.05, name="mass")
+        wall = vf.RigidStop(mass, gap=0.0, restitution=0.7, side="above", name="wall")
+        result = vf.simulate(
+            vf.Scene([mass], [wall, vf.PointLoad(mass, vf.Sine(sign, 2.0))]), 3.0, method="event_driven"
+        )
+        pinned = result.contacts["wall"].pinned
+        if sign > 0.0:
+            np.testing.assert_allclose(pinned[0], [0.0, 0.5 * np.pi], rtol=1e-12)
+        else:
+            assert not np.any(pinned == 0.0)
+            assert result.displacement(mass)[100] < 0.0
+        assert result.displacement(mass).max() < 1e-14
+
+
 def test_masses_exchange_their_velocities_one_impact_after_the_other() -> None:
     """Newton's cradle: three equal masses that touch; the last one leaves with the speed of the first."""
     masses = [vf.Mass(1.0, name=f"m{k}") for k in range(3)]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import paper_beam
+from scenes import cantilever, paper_beam
 
 import vofem as vf
 from vofem.files import toml_text
@@ -660,7 +660,7 @@ def test_polynomial():
 
 
 def test_starts_from_outcomes_are_refused_by_name():
-    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="deck")
+    beam = cantilever(4, name="deck")
     rest = vf.equilibrium(vf.Scene([beam], [vf.Gravity()]))
     with pytest.raises(vf.SceneFileError, match=r"initial\.deck: Equilibrium cannot be written to a scene file"):
         scene_to_toml(vf.Scene([beam], initial={beam: rest}))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import LAWS, paper_beam, two_masses
+from scenes import LAWS, cantilever, paper_beam, two_masses
 
 import vofem as vf
 from vofem.integrators.event_driven.sensitivity import Perturbation
@@ -47,7 +47,7 @@ def test_growth_with_contact_dampers_against_a_nearby_run():
 
 
 def test_free_motion_neither_grows_nor_decays():
-    beam = vf.Beam(1.0, 1.0, 1.0, 6, {"left": "clamped"})
+    beam = cantilever(6)
     result = vf.simulate(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), vf.Sine(1.0, 2.0))]), 50.0)
     assert np.max(np.abs(result.sensitivity.growth)) < 1e-12
     assert result.sensitivity.horizon() == 50.0

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import cantilever
 from scipy.integrate import quad
 from scipy.linalg import eigh
 from scipy.optimize import newton
@@ -93,7 +94,7 @@ STEP = {"energy_conserving": 2e-3, "generalized_alpha": 1e-3, "central_differenc
 
 
 def contact_beam(effect, initial=True):
-    beam = vf.Beam(1.0, 1.0, 1.0, 6, {"left": "clamped"}, name="deck")
+    beam = cantilever(6, name="deck")
     stop = vf.Contact(
         beam.at(1.0), gap=0.05, stiffness=100.0, damping=0.3, side="above", acts_on="penetration", name="stop"
     )
@@ -224,7 +225,7 @@ def test_a_springpot_on_a_beam(method):
     Its mean over both ends of a step, of rates that are linear, is the mean over the step of rates that are
     constant: energy_conserving agrees to rounding, the others as their order says.
     """
-    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"})
+    beam = cantilever(4)
     point = beam.at(0.61)
     scene = vf.Scene([beam], [vf.Springpot(point, coefficient=2.0, order=0.45), vf.PointLoad(beam.at(1.0), 1.0)])
     system = scene.model.system
@@ -351,7 +352,7 @@ def test_central_differences_keep_their_critical_step():
 @pytest.mark.parametrize("rho", [0.8, 1.0])
 def test_hard_springpots_in_generalized_alpha(rho):
     """Nearly springs, 1e5 times as stiff as the beam: it stops with an error, or keeps the balance."""
-    beam = vf.Beam(1.0, 1.0, 1.0, 10, {"left": "clamped"})
+    beam = cantilever(10)
     hard = [vf.Springpot(beam.at(x), coefficient=1e6, order=1e-3) for x in (0.33, 0.7, 1.0)]
     scene = vf.Scene([beam], [*hard, vf.PointLoad(beam.at(0.5), vf.Sine(1.0, 3.0))])
     options = {"method": "generalized_alpha", "dt": 1e-3, "rho_infinity": rho}

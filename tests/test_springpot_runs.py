@@ -5,7 +5,7 @@ from __future__ import annotations
 import h5py
 import numpy as np
 import pytest
-from scenes import broken_off
+from scenes import broken_off, cantilever
 from test_springpot import METHODS, STARTS, oscillator
 
 import vofem as vf
@@ -38,7 +38,7 @@ def test_auto_and_the_methods_that_refuse():
 
 def test_statics_and_modes_leave_them_out():
     """They yield to every lasting force, and no mode is undamped with them."""
-    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"})
+    beam = cantilever(4)
     load = vf.PointLoad(beam.at(1.0), 1.0)
     bare, with_one = (
         vf.Scene([beam], [load, *more]) for more in ([], [vf.Springpot(beam.at(1.0), coefficient=50.0, order=0.1)])
@@ -83,7 +83,7 @@ def test_beside_springs_with_memory(method):
 @pytest.mark.parametrize(("method", "within"), list(zip(METHODS, (2e-5, 1e-3, 1e-11), strict=True)))
 def test_reactions_know_of_them(method, within):
     """Between a clamp and the first free node: the clamp and the springpot bear load and inertia together."""
-    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="deck")
+    beam = cantilever(4, name="deck")
     load = vf.Sine(1.0, 3.0)
     springpot = vf.Springpot(beam.at(0.1), coefficient=400.0, order=0.5, name="s")
     result = vf.simulate(vf.Scene([beam], [springpot, vf.PointLoad(beam.at(1.0), load)]), 1.0, method=method, dt=4e-4)
@@ -201,7 +201,7 @@ def test_names_and_places():
     spring = vf.BilinearSpring(mass, stiffness=1.0, linear_limit=1.0, name="s")
     with pytest.raises(vf.ArgumentError, match="springs named 's' occur more than once"):
         vf.explain(vf.Scene([mass], [spring, pots[0]]))
-    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"})
+    beam = cantilever(4)
     with pytest.raises(vf.ArgumentError, match="Springpot 's' can never move"):
         vf.explain(vf.Scene([beam], [vf.Springpot(beam.at(0.0), coefficient=1.0, order=0.5, name="s")]))
     result = vf.simulate(vf.Scene([mass], pots[:1]), 1.0)

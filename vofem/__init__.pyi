@@ -3,6 +3,7 @@ from . import io as io
 from ._version import __version__ as __version__
 from .bodies import Beam as Beam
 from .bodies import Mass as Mass
+from .bodies import Path as Path
 from .effects import Approximated as Approximated
 from .effects import BaseMotion as BaseMotion
 from .effects import BilinearSpring as BilinearSpring

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.cache import Cache
+from vofem.errors import MethodError
 from vofem.laws import CLOSED as CLOSED
 from vofem.laws import OPEN as OPEN
 from vofem.laws import PINNED as PINNED
@@ -215,6 +216,14 @@ class System:
         return tuple(name for group in self.laws if not group.past_is_kept for name in group.names)
 
     @property
+    def travelling(self) -> str | None:
+        """What messages call the first load or law that travels along a beam; None where all stay in their places."""
+        for load in self.loads:
+            if getattr(load.function, "travels", False):
+                return load.name
+        return next((group.travelling for group in self.laws if group.travelling is not None), None)
+
+    @property
     def damped(self) -> bool:
         """Whether there is any damping outside the contacts."""
         return not (self.damping is None and self.rayleigh is None and self.modal_damping is None)
@@ -250,6 +259,15 @@ class System:
         for load in self.loads:
             total += load.vector * float(load.function(t))
         return total
+
+
+def refuse_travelling(what: str, system: System) -> None:
+    """Raise `MethodError` where something travels along a beam, which only runs in time take into account."""
+    if system.travelling is not None:
+        raise MethodError(
+            f"{what}: {system.travelling} travels along a beam, which {what} cannot take into account; simulate the "
+            "scene, or give beam.at(x) for a place of interest"
+        )
 
 
 def same_matrix(one: Any, two: Any) -> bool:

@@ -14,10 +14,12 @@ from vofem.assembly.laws import ContactEntry, law_groups
 from vofem.assembly.model import Model
 from vofem.assembly.strains import attached_strains, rigid_motions, strain_rows
 from vofem.assembly.triplets import Triplets, entries
-from vofem.assembly.unknowns import Constraint, unknowns
+from vofem.assembly.unknowns import Constraint, Unknowns, unknowns
 from vofem.bodies.base import Array, Body, BodyMatrices, IntArray, Point, Row
+from vofem.bodies.path import TravellingPoint
 from vofem.errors import ArgumentError
 from vofem.laws import LawGroup
+from vofem.laws.moving import Rider
 from vofem.system import Load, LoadFunction, System
 
 if TYPE_CHECKING:
@@ -45,6 +47,8 @@ class SystemBuilder:
         self._loads: list[Load] = []
         self._joints: list[tuple[str, list[Row]]] = []
         self._bases: list[Base] = []
+        self._tied: list[Body] = []
+        self._travelling: dict[Body, list[tuple[TravellingPoint, Any, str]]] = {}
         supported: list[IntArray] = []
         scales: list[Array] = []
         rotations: list[NDArray[np.bool_]] = []
@@ -129,6 +133,10 @@ class SystemBuilder:
         np.add.at(vector, row.indices, row.weights)
         self._loads.append(Load(vector, function, name))
 
+    def add_travelling_load(self, point: TravellingPoint, function: LoadFunction, name: str) -> None:
+        """Add a force at a point that travels; all that travel along a beam are loads on its degrees of freedom."""
+        self._travelling.setdefault(point.body, []).append((point, function, name))
+
     def add_body_load(self, body: Body, values: Array, function: LoadFunction, name: str) -> None:
         """Add a load vector over one body's degrees of freedom, times a function."""
         vector = np.zeros(self.size)
@@ -139,6 +147,25 @@ class SystemBuilder:
     def add_acceleration(self, value: float, function: LoadFunction, name: str, body: Body | None = None) -> None:
         """Add the load ``value M r function(t)``, r being a unit translation of one body, or of all."""
         self._accelerations.append((value, function, name, body))
+
+    def add_tied_mass(self, point: TravellingPoint, mass: float, label: str, name: str) -> None:
+        """Add a mass that travels with a point: an unknown of its own, tied to the beam."""
+        from vofem.laws.travelling import TravellingLaw
+
+        self._mass.add_matrix(np.array([[mass]]), self.size, self.size)
+        self._tied.append(point.body)
+        row = Row(np.array([self.size]), np.array([-1.0]))
+        self.size += 1
+        self._scale, self._rotation = np.append(self._scale, 1.0), np.append(self._rotation, False)
+        self.add_law(row, TravellingLaw(label, name, tied=True, track=(point, 1.0)))
+
+    def add_travelling_law(
+        self, row: Row, point: TravellingPoint, label: str, name: str, stiffness: float, damping: float
+    ) -> None:
+        """Add a spring and a dashpot on the displacement at a point that travels, and on a row at rest."""
+        from vofem.laws.travelling import TravellingLaw
+
+        self.add_law(row, TravellingLaw(label, name, stiffness, damping, track=(point, 1.0)))
 
     def add_base(self, base: Base) -> None:
         """Add the motion of the base of a body, whose displacement moves what stays in space beside the body."""
@@ -172,10 +199,17 @@ class SystemBuilder:
         if not unknown.free.size:
             raise ArgumentError("the supports hold every degree of freedom, so nothing can move; remove some")
 
+        self._loads += self._travelling_loads()
         for value, function, name, only in self._accelerations:
             translation = np.concatenate([body.translation() * (only is None or body is only) for body in self.offsets])
+            riding = [float(only is None or body is only) for body in self._tied]
+            translation = np.append(translation, riding) if riding else translation
             self._loads.append(Load(value * (mass @ translation), function, name))
-        rows, laws = law_groups(self._moved(), self.size, unknown)
+        loads = self._loads
+        if self._tied:
+            # Masses that travel, which may have been added after a load, are unknowns too.
+            loads = [replace(load, vector=np.pad(load.vector, (0, self.size - load.vector.size))) for load in loads]
+        rows, laws = law_groups(self._moved(unknown), self.size, unknown)
         self._check_driven(laws, stiffness)
         system = System(
             mass=unknown.square(mass),
@@ -183,14 +217,14 @@ class SystemBuilder:
             damping=None if damping is None else unknown.square(damping),
             rayleigh=self._rayleigh,
             modal_damping=self._modal,
-            loads=tuple(Load(unknown.vector(load.vector), load.function, load.name) for load in self._loads),
+            loads=tuple(Load(unknown.vector(load.vector), load.function, load.name) for load in loads),
             laws=laws,
             scale=unknown.scale(self._scale),
             strain=strain_rows(self.offsets, strains, self.size, unknown),
             rigid=rigid_motions(self.offsets, strains, conditions, self._supported, self.size)[unknown.free],
             rotation=self._rotation[unknown.free],
         )
-        vectors = tuple(load.vector for load in self._loads)
+        vectors = tuple(load.vector for load in loads)
         return Model(
             system,
             self.offsets,
@@ -205,16 +239,39 @@ class SystemBuilder:
             joint_rows=joint_rows,
         )
 
-    def _moved(self) -> list[tuple[Row, Any]]:
-        """Return all laws with their rows; contacts that see the motion of bases with the displacements of these."""
-        if not self._bases:
+    def _travelling_loads(self) -> list[Load]:
+        """Return the loads that travel, one for each degree of freedom of their beams."""
+        loads = []
+        for body, riders in self._travelling.items():
+            from vofem.bodies.travelling_load import TravellingLoad
+
+            name = riders[0][2] if len(riders) == 1 else f"{len(riders)} loads that travel along {body.label}"
+            for dof in range(body.size):
+                vector = np.zeros(self.size)
+                vector[self.offsets[body] + dof] = 1.0
+                loads.append(Load(vector, TravellingLoad(dof, [rider[:2] for rider in riders]), name))
+        return loads
+
+    def _moved(self, unknown: Unknowns) -> list[tuple[Row, Any]]:
+        """Return all laws with their rows; those that bases or paths move with what moves them."""
+        if not self._bases and not any(getattr(law, "track", None) for _, law in self._laws):
             return self._laws
-        return [
-            (row, replace(law, moving=offsets(f"Contact {law.name!r}", law.bases, self._bases)))
-            if isinstance(law, ContactEntry) and law.bases
-            else (row, law)
-            for row, law in self._laws
-        ]
+        return [(row, self._moved_law(law, unknown)) for row, law in self._laws]
+
+    def _moved_law(self, law: Any, unknown: Unknowns) -> Any:
+        """Return a law with what moves it."""
+        changes: dict[str, Any] = {}
+        if getattr(law, "bases", ()) and self._bases:
+            changes["moving"] = offsets(f"Contact {law.name!r}", law.bases, self._bases)
+        if getattr(law, "track", None):
+            from scipy.sparse import csr_matrix
+
+            point, sign = law.track
+            own = np.arange(point.body.size)
+            ones = np.ones(own.size)
+            body = csr_matrix((ones, (own, self.offsets[point.body] + own)), shape=(own.size, self.size))
+            changes["rider"] = Rider(point, sign, unknown.rows(body))
+        return replace(law, **changes) if changes else law
 
     def _constraints(self) -> list[Constraint]:
         """Return the conditions of all joints, whose names must differ."""

@@ -11,13 +11,15 @@ import numpy as np
 from vofem.assembly.triplets import stacked
 from vofem.assembly.unknowns import Unknowns
 from vofem.bodies.base import Body, Row
+from vofem.bodies.path import TravellingPoint
 from vofem.errors import ArgumentError
 from vofem.laws import ContactLaws, LawGroup
+from vofem.laws.moving import Rider
 
 
 @dataclass(frozen=True)
 class ContactEntry:
-    """A contact or rigid stop as `SystemBuilder.add_contact` takes it; the fields are of `ContactLaws`, and two more.
+    """A contact or rigid stop as `SystemBuilder.add_contact` takes it; the fields are of `ContactLaws`, and four more.
 
     Attributes
     ----------
@@ -25,6 +27,10 @@ class ContactEntry:
         Bodies whose absolute displacements the contact sees, with their signs.
     moving : tuple of (TimeFunction, float)
         What the motion of bases adds to the coordinate, functions of time and their factors; found from `bases`.
+    track : (TravellingPoint, float), optional
+        A point that travels, with its sign in the coordinate.
+    rider : Rider, optional
+        The same over the unknowns; found from `track`.
     """
 
     group: ClassVar[type[LawGroup]] = ContactLaws
@@ -39,6 +45,8 @@ class ContactEntry:
     restitution: float = np.nan
     bases: tuple[tuple[Body, float], ...] = ()
     moving: tuple[tuple[Any, float], ...] = ()
+    track: tuple[TravellingPoint, float] | None = None
+    rider: Rider | None = None
 
 
 def law_groups(
@@ -78,6 +86,7 @@ def _check(groups: Sequence[LawGroup]) -> None:
         what = "contacts" if groups[0].place == 0 else "springs"
         raise ArgumentError(f"{what} named {twice!r} occur more than once; give each its own name")
     for group in groups:
-        for label, row in zip(group.labels, group.rows, strict=True):
-            if not np.any(row.data):
+        riders = () if group.moving is None else group.moving.riders
+        for k, (label, row) in enumerate(zip(group.labels, group.rows, strict=True)):
+            if not np.any(row.data) and k not in riders:
                 raise ArgumentError(f"{label} can never move: its points lie on supports or are tied by a joint")

@@ -3,6 +3,7 @@
 from vofem.bodies.base import Body, BodyMatrices, DegreesOfFreedom, Point, Row, Shape, as_point
 from vofem.bodies.beam import Beam
 from vofem.bodies.mass import Mass
+from vofem.bodies.path import Path, TravellingPoint
 
 __all__ = [
     "Beam",
@@ -10,8 +11,10 @@ __all__ = [
     "BodyMatrices",
     "DegreesOfFreedom",
     "Mass",
+    "Path",
     "Point",
     "Row",
     "Shape",
+    "TravellingPoint",
     "as_point",
 ]

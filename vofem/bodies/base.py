@@ -275,7 +275,8 @@ def touching(effect: Any, bodies: Mapping[Any, Any], moved: Callable[[Point, Any
             if value in bodies:
                 changes[name] = bodies[value]
         elif isinstance(value, Point) and value.body in bodies:
-            changes[name] = moved(value, bodies[value.body])
+            new = bodies[value.body]
+            changes[name] = new.along(value.path) if hasattr(value, "path") else moved(value, new)
     if not changes:
         return effect
     made = copy.copy(effect)

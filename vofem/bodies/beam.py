@@ -18,6 +18,7 @@ from vofem.bodies.coefficient import Coefficient, basis_for, positive_coefficien
 from vofem.bodies.initial_field import project
 from vofem.bodies.kinds import Elements, Section, Supports
 from vofem.bodies.mesh import LineMesh
+from vofem.bodies.path import Path, TravellingPoint
 from vofem.bodies.supports import SUPPORTS, supported_nodes
 from vofem.errors import ArgumentError
 from vofem.parameters import CHOSEN, Name, Real, content_of, declared, rule
@@ -176,6 +177,23 @@ class Beam(Axis):
             places = ", ".join(f"x = {self.nodes[k]:g}" for k in self.supports) or "none"
             raise ArgumentError(f"Beam {self.name!r} has no support at {where!r}; its supports: {places}")
         return 2 * node + np.array(SUPPORTS[self.supports[node]], dtype=np.int64)
+
+    def along(self, path: Path) -> TravellingPoint:
+        """Return a point that travels along the beam; loads, contacts and attachments take it in place of a point.
+
+        Parameters
+        ----------
+        path : Path
+            Where it is at which time.
+
+        Raises
+        ------
+        ArgumentError
+            If `path` is no `Path`.
+        """
+        if not isinstance(path, Path):
+            raise ArgumentError(f"a path along {self.label} is {path!r}, expected vofem.Path(speed, start=, ...)")
+        return TravellingPoint(self, path)
 
     # -- matrices ---------------------------------------------------------------------------------
 

@@ -7,22 +7,29 @@ from typing import Annotated
 
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point
-from vofem.effects.kinds import Acting, AtPoint, Called, End
+from vofem.bodies.path import TravellingPoint
+from vofem.effects.kinds import Acting, AtPoint, Called, TravellingEnd
 from vofem.effects.two_points import TwoPoints
-from vofem.parameters import Real, declared, rule
+from vofem.errors import ArgumentError
+from vofem.parameters import Real, declared, label_of, rule
 
 
 @declared()
 class Spring(TwoPoints):
-    """A linear spring between two points, or from a point to ground."""
+    """A linear spring between two points, or from a point to ground. The first point may travel."""
 
+    a: TravellingEnd
     _: KW_ONLY
     stiffness: Annotated[float, Real("N/m, or N m/rad where it acts on rotations", "Stiffness.", least=0)]
     name: Called = None
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add ``k b b'`` to K."""
-        builder.add_stiffness(self._row(builder), self.stiffness)
+        if isinstance(self.a, TravellingPoint):
+            name = self.name or self.describe()
+            builder.add_travelling_law(self._row(builder), self.a, "Spring", name, self.stiffness, 0.0)
+        else:
+            builder.add_stiffness(self._row(builder), self.stiffness)
 
     def describe(self) -> str:
         """Return points and stiffness."""
@@ -31,17 +38,22 @@ class Spring(TwoPoints):
 
 @declared()
 class Dashpot(TwoPoints):
-    """A linear dashpot between two points, or from a point to ground."""
+    """A linear dashpot between two points, or from a point to ground. The first point may travel."""
 
     symbol = "damper"
 
+    a: TravellingEnd
     _: KW_ONLY
     damping: Annotated[float, Real("N s/m, or N m s/rad where it acts on rotations", "Damping constant.", least=0)]
     name: Called = None
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add ``c b b'`` to C."""
-        builder.add_damping(self._row(builder), self.damping)
+        if isinstance(self.a, TravellingPoint):
+            name = self.name or self.describe()
+            builder.add_travelling_law(self._row(builder), self.a, "Dashpot", name, 0.0, self.damping)
+        else:
+            builder.add_damping(self._row(builder), self.damping)
 
     def describe(self) -> str:
         """Return points and damping."""
@@ -81,9 +93,13 @@ class RotationalSpring(Acting):
 
 @declared()
 class PointMass(Acting):
-    """A mass, with or without rotary inertia, fixed to a point."""
+    """A mass, with or without rotary inertia, fixed to a point.
 
-    point: End
+    The point may travel: the mass is then tied to the beam below it, and rests at the level of the supports where it is
+    not on the beam.
+    """
+
+    point: TravellingEnd
     _: KW_ONLY
     mass: Annotated[float, Real("kg", "Mass.", least=0)]
     inertia: Annotated[float, Real("kg m^2", "Rotary inertia. Only points of beams can have one.", least=0)] = 0.0
@@ -91,11 +107,16 @@ class PointMass(Acting):
 
     @rule("inertia", "point")
     def _point_rotates(self) -> None:
+        if self.inertia and isinstance(self.point, TravellingPoint):
+            raise ArgumentError(f"{label_of(self)}: inertia is {self.inertia:g} kg m^2, but what travels has none")
         if self.inertia:
             self.point.slope_row()
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the mass, and the rotary inertia where there is one, to M."""
+        if isinstance(self.point, TravellingPoint):
+            builder.add_tied_mass(self.point, self.mass, "PointMass", self.name or self.describe())
+            return
         builder.add_mass(builder.row(self.point), self.mass)
         if self.inertia:
             builder.add_mass(builder.row(self.point, slope=True), self.inertia)

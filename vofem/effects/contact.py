@@ -10,7 +10,8 @@ import numpy as np
 from vofem._validate import wrong
 from vofem.assembly import ContactEntry, SystemBuilder
 from vofem.bodies.base import Body, Point
-from vofem.effects.kinds import AtPoint, End, Named
+from vofem.bodies.path import TravellingPoint
+from vofem.effects.kinds import AtPoint, Named, TravellingEnd
 from vofem.effects.side import Side, distinct, side_of
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
@@ -92,7 +93,7 @@ class Contact(TwoPoints):
 
     symbol = "stop"
 
-    a: End
+    a: TravellingEnd
     b: Annotated[
         Point | None,
         AtPoint(
@@ -165,11 +166,13 @@ class Contact(TwoPoints):
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the contact's row and law."""
+        sign = -1.0 if self.side == "below" else 1.0
         builder.add_contact(
             ContactEntry(
                 name=self.name,
-                row=self._row(builder, -1.0 if self.side == "below" else 1.0),
+                row=self._row(builder, sign),
                 bases=self.bases,
+                track=(self.a, sign) if isinstance(self.a, TravellingPoint) else None,
                 gap=self.gap,
                 stiffness=self.stiffness,
                 damping=self.damping,

@@ -9,8 +9,10 @@ from typing import Annotated, Any, Literal
 from vofem._validate import nearest
 from vofem.bodies.base import Body, Point, as_point
 from vofem.bodies.beam import Beam
+from vofem.bodies.path import Path, TravellingPoint
 from vofem.errors import ArgumentError
 from vofem.parameters import Choice, Kind, Label, Name, Real, declarations
+from vofem.parameters.declared import read, write_inside
 from vofem.parameters.place import INVALID, Book, Invalid, Place
 
 _NAME = Name()
@@ -79,17 +81,25 @@ class OnBody(Kind):
 class AtPoint(Kind):
     """A point.
 
-    In scene files: 'beam@1.0', 'beam@left', 'beam@name of the mesh', a mass by its name, or { body = ..., at = ... }.
+    In scene files: 'beam@1.0', 'beam@left', 'beam@name of the mesh', a mass by its name, { body = ..., at = ... }, or
+    { body = ..., path = { speed = ... } } where points may travel.
     """
 
     text: str = "``beam.at(x)`` or a `Mass`."
+    travels: bool = False
 
     shown = "point"
     expected = "a point, such as 'beam@1.0', or the name of a mass"
 
     def check(self, what: str, value: Any) -> Point:
         """Return the point."""
-        return as_point(what, value)
+        point = as_point(what, value)
+        if isinstance(point, TravellingPoint) and not self.travels:
+            raise ArgumentError(
+                f"{what} is a point of {point.describe()}, which travels; only point loads, contacts, springs, "
+                f"dashpots and point masses take such a point. Give {point.body.name}.at(x)"
+            )
+        return point
 
     def read(self, value: Any, place: Place) -> Any:
         """Return the point of a text or a table."""
@@ -108,10 +118,16 @@ class AtPoint(Kind):
         return self._of(body, where, place)
 
     def _read_table(self, value: dict[str, Any], place: Place) -> Any:
-        place.unknown_keys(value, ("body", "at"))
+        place.unknown_keys(value, ("body", "at", "path") if self.travels else ("body", "at"))
         if "body" not in value:
             return place.key("body").report("missing, expected the name of a body")
-        body = OnBody().read(value["body"], place.key("body"))
+        body = OnBody(beam="path" in value).read(value["body"], place.key("body"))
+        if "path" in value and self.travels:
+            if "at" in value:
+                return place.key("at").report("a point that travels has a path and no place of its own; remove one")
+            path = read(Path, value["path"], place.key("path"))
+            bad = isinstance(path, Invalid) or isinstance(body, Invalid)
+            return INVALID if bad else body.along(path)
         if not _has_axis(body) and "at" not in value:
             return body
         if "at" not in value:
@@ -138,6 +154,8 @@ class AtPoint(Kind):
     def write(self, value: Any, book: Book) -> Any:
         """Return the short form, or a table where that would mean another point."""
         name = _NAME.write(value.body.name, book)
+        if isinstance(value, TravellingPoint):
+            return {"body": name, "path": write_inside(value.path, book)}
         if isinstance(value, Body):
             return name
         x = repr(float(value.x))
@@ -164,6 +182,9 @@ class Acting:
                 found.append(body if isinstance(body, Point) else body.at("left"))
         return tuple(point for point in found if point is not None)
 
+
+#: A point that may travel.
+TravellingEnd = Annotated[Point, AtPoint("``beam.at(x)``, a `Mass`, or ``beam.along(path)``.", travels=True)]
 
 #: The ends of an effect on two points, or on a point and ground.
 End = Annotated[Point, AtPoint()]

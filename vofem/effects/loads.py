@@ -14,7 +14,8 @@ from vofem.bodies.base import Point
 from vofem.bodies.beam import Beam
 from vofem.bodies.coefficient import evaluate_along
 from vofem.bodies.kinds import Along
-from vofem.effects.kinds import Acting, AtPoint, Called, End, OnBody
+from vofem.bodies.path import TravellingPoint
+from vofem.effects.kinds import Acting, AtPoint, Called, OnBody, TravellingEnd
 from vofem.errors import ArgumentError
 from vofem.parameters import Real, declared, rule
 from vofem.time_functions import Constant, Load, OfTime, TimeFunction, as_time_function
@@ -22,16 +23,19 @@ from vofem.time_functions import Constant, Load, OfTime, TimeFunction, as_time_f
 
 @declared()
 class PointLoad(Acting):
-    """A force at a point, positive upward."""
+    """A force at a point, positive upward. The point may travel (``beam.along(path)``); a train is a list of loads."""
 
-    point: End
+    point: TravellingEnd
     f: Annotated[Load, OfTime("N", "The force.")]
     _: KW_ONLY
     name: Called = None
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the load."""
-        builder.add_point_load(builder.row(self.point), as_time_function(self.f), self.describe())
+        if isinstance(self.point, TravellingPoint):
+            builder.add_travelling_load(self.point, as_time_function(self.f), self.describe())
+        else:
+            builder.add_point_load(builder.row(self.point), as_time_function(self.f), self.describe())
 
     def describe(self) -> str:
         """Return point and function."""

@@ -6,8 +6,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+import numpy as np
+
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point, Row
+from vofem.bodies.path import TravellingPoint
 from vofem.effects.kinds import End, Of, OtherEnd
 from vofem.parameters import declared, rule
 
@@ -65,7 +68,10 @@ class TwoPoints:
         return (self.a,) if self.b is None else (self.a, self.b)
 
     def _row(self, builder: SystemBuilder, sign: float = 1.0) -> Row:
-        """Return the row of the coordinate, or of its negative where `sign` is -1."""
+        """Return the row of the coordinate, or of its negative where `sign` is -1; without a point that travels."""
+        if isinstance(self.a, TravellingPoint):
+            rest = Row(np.zeros(0, dtype=np.int64), np.zeros(0)) if self.b is None else builder.row(self.b)
+            return Row(rest.indices, -rest.weights)
         row = builder.difference(self.a, self.b, slope=self.of == "rotation")
         return row if sign > 0.0 else Row(row.indices, -row.weights)
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.bodies.base import Point, as_point
-from vofem.effects.two_points import units_of
+from vofem.bodies.path import TravellingPoint
 from vofem.histories.impacts import window_of
 from vofem.histories.table import Table
-from vofem.histories.variables import ENERGIES, Tabulated, histories
+from vofem.histories.variables import ENERGIES, Tabulated, histories, motion_and_contacts
 from vofem.scene import Scene
 from vofem.system import CLOSED, OPEN, PINNED
 
@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 
 #: Points that are chosen where none are named.
 MOST = 6
+
+#: Which variables are columns of data frames and of CSV files, by what they are counted.
+_COLUMNS = {"point": ("displacement", "velocity"), "contact": ("contact_force", "contact_stiffness")}
 
 _STATUS = {OPEN: "opens", CLOSED: "closes", PINNED: "is pinned"}
 
@@ -34,6 +37,8 @@ def points_of_interest(scene: Scene) -> tuple[Any, ...]:
     contacts = scene.contacts
     for effect in (*contacts, *(() if contacts else scene.effects)):
         for point in effect.points():
+            if isinstance(point, TravellingPoint):
+                continue
             points.setdefault((point.body.name, point.x), point)
     touched = {name for name, _ in points}
     for body in scene.bodies:
@@ -53,18 +58,14 @@ def named_points(what: str, scene: Scene, points: Mapping[str, Any] | Iterable[A
 
 
 def history_columns(run: Tabulated, points: dict[str, Any]) -> dict[str, tuple[NDArray, str]]:
-    """Return values and units at the times of a run: motion of points, force and K_eq of contacts."""
+    """Return values and units at the times of a run, of `histories`: motion of points, force and K_eq of contacts."""
+    found = motion_and_contacts(run, points)
     columns: dict[str, tuple[NDArray, str]] = {}
-    for name, point in points.items():
-        columns[f"{name} displacement"] = run.displacement(point), "m"
-        columns[f"{name} velocity"] = run.velocity(point), "m/s"
-    if not run.contacts:
-        return columns
-    samples = run.contact_samples
-    for name, force, stiffness in zip(run.contacts, samples.force, samples.stiffness, strict=True):
-        units = units_of(run.scene.effects, name)
-        columns[f"{name} force"] = force, units.force
-        columns[f"{name} stiffness"] = stiffness, units.stiffness
+    for over, names in _COLUMNS.items():
+        values = {name: found[name].at() for name in names if name in found}
+        for k, label in enumerate(found[over].at().tolist() if values else ()):
+            for name, block in values.items():
+                columns[f"{label} {name.removeprefix('contact_')}"] = block[:, k], found[name].unit(k)
     return columns
 
 

@@ -75,25 +75,34 @@ class Variable:
         The values, or a function that returns those of a slice of rows.
     attributes : dict
         Unit and description, as netCDF calls them.
+    each : sequence of str
+        The units of the columns, where they may differ.
     """
 
     dims: tuple[str, ...]
     source: NDArray | Callable[[slice], NDArray]
     attributes: dict[str, Any] = field(default_factory=dict)
+    each: Sequence[str] = ()
+
+    def unit(self, k: int) -> str:
+        """Return the unit of a column."""
+        return str(self.each[k] if self.each else self.attributes.get("units", ""))
 
     def at(self, rows: slice = ALL) -> NDArray:
         """Return the values of some rows."""
         return self.source(rows) if callable(self.source) else self.source[rows]
 
 
+def motion_and_contacts(run: Tabulated, points: dict[str, Any]) -> dict[str, Variable]:
+    """Return the motion of some points and the histories of contacts."""
+    return (_motion(run, points) if points else {}) | (_contacts(run) if run.contacts else {})
+
+
 def histories(run: Tabulated, points: dict[str, Any]) -> dict[str, Variable]:
     """Return everything along a run, with the motion of some points, by the names of xarray and of files."""
     events = run.solution.events
     found = {"time": Variable(("time",), run.times, {"units": "s", "long_name": "time"})}
-    if points:
-        found |= _motion(run, points)
-    if run.contacts:
-        found |= _contacts(run)
+    found |= motion_and_contacts(run, points)
     if run.springs:
         found |= _springs(run)
     for name in ENERGIES:
@@ -135,8 +144,7 @@ def _contacts(run: Tabulated) -> dict[str, Variable]:
 
     def gap_function(part: slice) -> NDArray:
         if part == ALL:
-            u = run.samples.along(laws.rows, "q")
-            return (u if laws.moving is None else u + laws.moving.at(run.times)).T - laws.gap
+            return np.stack([laws.gap_function(run.samples, k, run.times) for k in range(len(laws))], axis=1)
         return laws.coordinates(run.samples.q[:, part], run.times[part]).T - laws.gap
 
     over = ("time", "contact")
@@ -146,9 +154,14 @@ def _contacts(run: Tabulated) -> dict[str, Variable]:
         "contact_initial_status": Variable(("contact",), run.solution.events.initial),
         "contact_status": Variable(over, samples.status.T, {"long_name": "0 open, 1 closed, 2 pinned"}),
         "contact_closed": Variable(over, lambda part: samples.status.T[part] == CLOSED),
-        "contact_stiffness": Variable(over, samples.stiffness.T, {"units": stiffness, "long_name": "K_eq"}),
+        "contact_stiffness": Variable(
+            over, samples.stiffness.T, {"units": stiffness, "long_name": "K_eq"}, [u.stiffness for u in units]
+        ),
         "contact_force": Variable(
-            over, samples.force.T, {"units": force, "long_name": "positive pushes the bodies apart"}
+            over,
+            samples.force.T,
+            {"units": force, "long_name": "positive pushes the bodies apart"},
+            [u.force for u in units],
         ),
         "contact_gap_function": Variable(over, gap_function, {"units": length, "long_name": "penetration"}),
     }

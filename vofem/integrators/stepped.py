@@ -109,14 +109,14 @@ class SteppedSolution:
         laws = self.system.contacts
         assert laws is not None
         samples = self.sample(times)
-        u, rate = laws.coordinates(samples.q, times), laws.rates(samples.v, times)
+        u, rate = laws.coordinates(samples.q, times), laws.rates(samples.q, samples.v, times)
         s = u - laws.gap[:, None]
         closed = s > 0.0
         start = times == 0.0
         closed[:, start] = (self.events.initial == CLOSED)[:, None]
         ideal = np.isinf(laws.resolution)[:, None]
         share = np.where(closed, np.where(ideal, 1.0, laws.shares(s)), 0.0)
-        force = share * (laws.elastic(u) + laws.damping[:, None] * rate)
+        force = np.where(closed, share * (laws.elastic(u) + laws.damping[:, None] * rate), 0.0)
         return ContactSamples(np.where(closed, CLOSED, OPEN), share * laws.stiffness[:, None], force)
 
     def energies(self, times: Array) -> Energies:

@@ -21,6 +21,7 @@ from vofem._validate import number
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Row
 from vofem.bodies.cubics import hermite
+from vofem.bodies.path import TravellingPoint
 from vofem.effects import Joint
 from vofem.errors import ArgumentError
 from vofem.io.pictures.places import all_contacts
@@ -106,7 +107,8 @@ class Frames:
         for body in (body for body in scene.bodies if body.shape.kind == "block"):
             connect(add(origins[body][None, :], body, {"eta": body.shape.rows})[:, None], MASS, body)
         laws = scene.model.system.contacts
-        known = {contact.name: contact for contact in all_contacts(scene)}
+        # A grid has the same points at all times, so contacts that travel are left out.
+        known = {c.name: c for c in all_contacts(scene) if not isinstance(c.a, TravellingPoint)}
         shown = [(k, known[name]) for k, name in enumerate(() if laws is None else laws.names) if name in known]
         stops = []
         feet: dict[Body, list[tuple[IntArray, Row]]] = {}

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
+#: Distance in m at which a contact stands open that is not on its beam.
+_AWAY = 1.0
+
 #: Width, as a fraction of the gap, over which compiled loops spread the jump of the displacement law.
 _RAMP = 1e-12
 
@@ -77,7 +80,7 @@ class ContactLaws(LawGroup):
             name: np.array([getattr(law, name) for law in laws])
             for name in ("gap", "stiffness", "damping", "jump", "resolution", "restitution")
         }
-        return cls(tuple(law.name for law in laws), rows, **numbers, moving=gathered([law.moving for law in laws]))
+        return cls(tuple(law.name for law in laws), rows, **numbers, moving=gathered(laws))
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -92,25 +95,25 @@ class ContactLaws(LawGroup):
 
     # -- coordinates ----------------------------------------------------------------------------------
 
-    def coordinates(self, q: Array, times: Array) -> Array:
-        """Return the coordinates u at times, shape (n_contacts, n_times), for displacements q of shape (n, n_times)."""
-        u = np.asarray(self.rows @ q)
-        return u if self.moving is None else u + self.moving.at(times)
-
-    def rates(self, v: Array, times: Array) -> Array:
-        """Return the rates of the coordinates at times, shape (n_contacts, n_times), for velocities (n, n_times)."""
-        rate = np.asarray(self.rows @ v)
-        return rate if self.moving is None else rate + self.moving.rate(times)
-
     def gap_function(self, samples: Any, index: int, times: Array) -> Array:
         """Return the gap function of one contact in m at the times of samples, which offer ``along(rows, "q")``."""
         u = samples.along(self.rows[[index]], "q")[0]
-        return np.asarray((u if self.moving is None else u + self.moving.at(times)[index]) - self.gap[index])
+        return np.asarray(u + self._more(samples, times, 0)[index] - self.gap[index])
 
     def gap_rate(self, samples: Any, index: int, times: Array) -> Array:
         """Return the rate of the gap function of one contact in m/s at the times of samples."""
         rate = samples.along(self.rows[[index]], "v")[0]
-        return np.asarray(rate if self.moving is None else rate + self.moving.rate(times)[index])
+        return np.asarray(rate + self._more(samples, times, 1)[index])
+
+    def _more(self, samples: Any, times: Array, rate: int) -> Array:
+        """Return what coordinates, or their rates, have beside the rows at rest, (n_contacts, n_times) or (n, 1)."""
+        if self.moving is None:
+            return np.zeros((len(self), 1))
+        if not self.moving.riders:
+            return self.moving.rate(times) if rate else self.moving.at(times)
+        if rate:
+            return self.moving.added_rates(samples.q, samples.v, times)
+        return self.moving.added(samples.q, times)
 
     def shifted(self, start: float) -> ContactLaws:
         """Return the contacts for a run that begins at a time in s."""
@@ -119,6 +122,11 @@ class ContactLaws(LawGroup):
     def _in_space(self) -> str:
         assert self.moving is not None
         return self.labels[int(np.argmax(np.any(self.moving.weights, axis=1)))]
+
+    @property
+    def away(self) -> Array:
+        """Coordinates at which the contacts are open."""
+        return np.minimum(self.gap, 0.0) - _AWAY
 
     @property
     def offset(self) -> Array:
@@ -147,6 +155,11 @@ class ContactLaws(LawGroup):
 
     def nonlinearity(self, method: str) -> str | None:
         """Return why the force is not piecewise linear: under a resolved switch, or of jumps beside moving stops."""
+        if self.travelling is not None:
+            return (
+                f"{self.travelling} travels along a beam, so that the equations of motion depend on time while it is "
+                f"closed; {method} does not treat it"
+            )
         if self.moving is not None and np.any(self.jump | self.rigid):
             j = int(np.argmax(self.jump | self.rigid))
             why = "is rigid" if self.rigid[j] else "acts on the displacement"
@@ -169,6 +182,11 @@ class ContactLaws(LawGroup):
         """Return why something takes no contacts that bases move, and what to do instead; None where none is moved."""
         if self.moving is None:
             return None
+        if self.travelling is not None:
+            return (
+                f"{self.travelling} travels along a beam, which {what} cannot take into account; simulate the scene, "
+                "or put the contact at a place of interest, beam.at(x)"
+            )
         return (
             f"{self._in_space()} sees the displacement of a base, which {what} cannot take into account; simulate the "
             "scene, until it has settled where a steady state is wanted, or let stops stand on the base"
@@ -176,6 +194,8 @@ class ContactLaws(LawGroup):
 
     def statics_refusal(self, path: bool) -> str | None:
         """Return why statics cannot treat the contacts: a resolved switch, a rigid stop, or a base that moves."""
+        if self.travelling is not None:
+            return self.moving_refusal("quasi_static" if path else "equilibrium")
         if self.moving is not None:
             return (
                 f"{'quasi_static' if path else 'equilibrium'} knows no time, and {self._in_space()} sees the "
@@ -276,7 +296,7 @@ def initial_status(laws: ContactLaws, q: Array, v: Array, size: Array | None = N
     size : ndarray, shape (n_contacts,), optional
         Sums of the magnitudes of the terms of ``rows @ q``, where they are known.
     """
-    u, rate = laws.coordinates(q[:, None], np.zeros(1))[:, 0], laws.rates(v[:, None], np.zeros(1))[:, 0]
+    u, rate = laws.coordinates(q[:, None], np.zeros(1))[:, 0], laws.rates(q[:, None], v[:, None], np.zeros(1))[:, 0]
     # An s below the rounding of the terms that u sums is zero.
     if size is None:
         size = np.asarray(abs(laws.rows) @ np.abs(q))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.laws.law import FORCE, STORED, Law, LawSet
+from vofem.laws.moving import Moving
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -76,6 +77,9 @@ class LawGroup:
 
     rows: csr_matrix
 
+    #: What moves the coordinates beside the structure; None where nothing does.
+    moving: Moving | None = None
+
     @classmethod
     def gather(cls, rows: csr_matrix, laws: tuple[Any, ...]) -> LawGroup:
         """Return the group of some laws with their rows over the free degrees of freedom."""
@@ -102,6 +106,38 @@ class LawGroup:
     def place_of(self, law: Any) -> int | None:
         """Return the position of a law in the group, None where the group does not hold it as an object."""
         return None
+
+    # -- coordinates ----------------------------------------------------------------------------------
+
+    def coordinates(self, q: Array, times: Array) -> Array:
+        """Return the coordinates u at times, shape (n_laws, n_times), for displacements q of shape (n, n_times).
+
+        They are NaN for a law at a point that travels and is not on its beam.
+        """
+        u = np.asarray(self.rows @ q)
+        return u if self.moving is None else u + self.moving.added(q, times)
+
+    def rates(self, q: Array, v: Array, times: Array) -> Array:
+        """Return the rates of the coordinates at times, shape (n_laws, n_times), for a motion q, v of (n, n_times)."""
+        rate = np.asarray(self.rows @ v)
+        return rate if self.moving is None else rate + self.moving.added_rates(q, v, times)
+
+    @property
+    def away(self) -> Array:
+        """Coordinates at which the laws exert no force, shape (n_laws,)."""
+        return np.zeros(len(self))
+
+    @property
+    def tied(self) -> NDArray[np.bool_]:
+        """Whether a law holds its coordinate at zero, whatever force that takes, shape (n_laws,)."""
+        return np.zeros(len(self), dtype=bool)
+
+    @property
+    def travelling(self) -> str | None:
+        """The label of the first law whose place travels along a beam, or None."""
+        if self.moving is None or not self.moving.riders:
+            return None
+        return self.labels[min(self.moving.riders)]
 
     # -- what the group needs of a method -----------------------------------------------------------
 

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.errors import MethodError
 from vofem.sensitivities.flow import Block, Closed, divided, divided_far, ramped
 from vofem.sensitivities.forcing import Forcing, derivative_waves
 from vofem.sensitivities.forward import Forward
@@ -103,8 +102,7 @@ class Backward:
         laws, passage, n = modal.laws, forward.passages[index], modal.size
         assert laws is not None
         z, v = forward._split(passage.state)
-        last = index + 1 == forward.segments.starts.size
-        after = forward._status_at_end(passage.numbers[0]) if last else forward.segments.status[index + 1]
+        after = passage.after
         held = np.flatnonzero(after == PINNED)
         if np.any(passage.before[held] != PINNED):
             rows = modal.contacts[held]
@@ -118,30 +116,20 @@ class Backward:
             counted = float(self._linear.events[number])
             if passage.before[j] == PINNED:
                 if counted:
-                    raise MethodError(
-                        "gradient: the objective depends on the time at which a pinned contact is released; take "
-                        "vofem.sensitivities instead"
-                    )
+                    held_row, rate, explicit = forward.release(index, j, int(after[j]), passage.state)
+                    before -= counted / rate * held_row
+                    self._gradient -= counted / rate * explicit
                 continue
             rate = float(row @ v)
             share = -counted / rate if counted else 0.0
             if after[j] != PINNED:
-                lever = laws.stiffness[j] * (laws.gap[j] - laws.offset[j])
-                force = (lever / rate if lever else 0.0) + laws.damping[j]
+                force = forward.saltation(j, rate)
                 sign = 1.0 if passage.before[j] == OPEN else -1.0
                 push = row if project is None else project @ row
                 share -= sign * force * float(push @ weight[n:])
             before[:n] += share * row / modal.scale
-            self._gradient += share * self._explicit_gap(j, z)
+            self._gradient += share * forward.gap_changes(j, z)
         return before
-
-    def _explicit_gap(self, j: int, z: Array) -> Array:
-        """Return the derivatives of a gap function at a fixed motion, shape (p,)."""
-        found = np.array([-change.change.gap[j] for change in self._forward.changes])
-        for k, change in enumerate(self._forward.changes):
-            if change.contacts is not None:
-                found[k] += change.contacts[j] @ z
-        return found
 
     def _released(self, held: Any, weight: Array, z: Array, v: Array) -> Array:
         """Return the weight of a state before it is held at the gaps of pinned contacts."""
@@ -152,7 +140,7 @@ class Backward:
         share = np.linalg.solve(rows @ rows.T, rows)
         by_gap, by_speed = share @ (weight[:n] * modal.scale), share @ weight[n:]
         for j, one, two in zip(held.tolist(), by_gap, by_speed, strict=True):
-            self._gradient -= one * self._explicit_gap(int(j), z)
+            self._gradient -= one * self._forward.gap_changes(int(j), z)
             for k, change in enumerate(self._forward.changes):
                 if change.contacts is not None:
                     self._gradient[k] -= two * float(change.contacts[j] @ v)

@@ -30,7 +30,7 @@ PLACES = ("x", "a.x", "b.x", "point.x")
 #: Attributes of effects that are functions of time.
 FUNCTIONS = ("f", "acceleration")
 #: Numbers of functions of time by which their closed form is differentiated.
-_OFFUNCTIONS = {Sine: ("amplitude", "omega", "phase"), Constant: ("value",), Ramp: ("slope",), Scaled: ("factor",)}
+_OF_FUNCTIONS = {Sine: ("amplitude", "omega", "phase"), Constant: ("value",), Ramp: ("slope",), Scaled: ("factor",)}
 
 
 def check_field(scene: Scene, thing: Any, field: str, elements: tuple[int, ...] | None) -> None:
@@ -72,7 +72,7 @@ def _unknown(thing: Any, field: str) -> ArgumentError:
         known += INITIAL
     for name in FUNCTIONS:
         if (value := _function(thing, name)) is not None:
-            known += [f"{name}.{part}" for kind, parts in _OFFUNCTIONS.items() if isinstance(value, kind)
+            known += [f"{name}.{part}" for kind, parts in _OF_FUNCTIONS.items() if isinstance(value, kind)
                       for part in parts]  # fmt: skip
     if any(_is_along(value) for value in vars(thing).values()):
         known.append("x")
@@ -108,7 +108,7 @@ def function_at(thing: Any, field: str) -> tuple[str, Any, str, tuple[str, ...]]
     inner: Any = function
     for step in path[:-1]:
         inner = inner[int(step)] if isinstance(inner, tuple) and step.isdigit() else getattr(inner, step, None)
-    known = next((names for kind, names in _OFFUNCTIONS.items() if isinstance(inner, kind)), ())
+    known = next((names for kind, names in _OF_FUNCTIONS.items() if isinstance(inner, kind)), ())
     if not path or path[-1] not in known:
         if not function.closed_form:
             raise ArgumentError(

@@ -110,8 +110,8 @@ class Passage:
     ----------
     numbers : range
         The events in the log.
-    before : ndarray of int, shape (n_contacts,)
-        Status before.
+    before, after : ndarray of int, shape (n_contacts,)
+        Status before and after.
     state : ndarray, shape (2n,)
         Scaled state before.
     ends : ndarray, shape (2n, p)
@@ -120,6 +120,7 @@ class Passage:
 
     numbers: range
     before: Status
+    after: Status
     state: Array
     ends: Array
 
@@ -155,11 +156,7 @@ class Forward:
         self._forces: dict[int, tuple[Forcing, Forcing]] = {}
         self._pieces: dict[int, Closed | Block] = {}
         self.passages: dict[int, Passage] = {}
-        self.final = np.empty(0)
-        if self.bare:
-            self._follow()
-        else:
-            self._propagate()
+        self.final = self._propagate()
 
     # -- pieces of the run ------------------------------------------------------------------------
 
@@ -172,7 +169,14 @@ class Forward:
 
     def state(self, index: int) -> Array:
         """Return scaled displacements and velocities at the begin of a segment, shape (2n,)."""
-        return np.concatenate([self.modal.scale * self.segments.displacement[index], self.segments.velocity[index]])
+        z, v, laws = self.segments.displacement[index], self.segments.velocity[index], self.modal.laws
+        held = np.flatnonzero(self.segments.status[index] == PINNED)
+        if held.size and laws is not None:
+            # The run stores the motion with which a contact comes to its gap; there it rests.
+            rows = self.modal.contacts[held]
+            share = np.linalg.solve(rows @ rows.T, rows).T
+            z, v = z - share @ (rows @ z - laws.gap[held]), v - share @ (rows @ v)
+        return np.concatenate([self.modal.scale * z, v])
 
     def waves(self, index: int) -> list[Forcing]:
         """Return the functions of time of the loads in a segment."""
@@ -243,46 +247,33 @@ class Forward:
 
     # -- through segments and events --------------------------------------------------------------
 
-    def _propagate(self) -> None:
-        """Fill in the derivatives at the begin of all segments, and those of the times of events."""
-        scale, segments = self.modal.scale[:, None], self.segments
-        z = np.column_stack([change.displacement for change in self.changes])
-        v = np.column_stack([change.velocity for change in self.changes])
-        z, v = self._held(np.flatnonzero(segments.status[0] == PINNED), z, v, *self._split(self.state(0)))
+    def _propagate(self) -> Array:
+        """Fill in the derivatives at the begin of all segments and at events; return those at the end, (2n, p)."""
+        n, scale, segments = self.modal.size, self.modal.scale[:, None], self.segments
+        changes = [] if self.bare else self.changes
+        z = np.array([change.displacement for change in changes]).reshape(-1, n).T
+        v = np.array([change.velocity for change in changes]).reshape(-1, n).T
+        if not self.bare:
+            z, v = self._held(np.flatnonzero(segments.status[0] == PINNED), z, v, *self._split(self.state(0)))
         event = 0
         for index in range(segments.starts.size):
             self._starts.append(np.concatenate([scale * z, v]))
             piece = self.closed(index)
-            ends = piece.ends()
-            n = self.modal.size
+            ends = self._starts[-1] if self.bare else piece.ends()
             z, v = ends[:n] / scale, ends[n:]
             last = index + 1 == segments.starts.size
             before = segments.status[index]
             after = self._status_at_end(event) if last else segments.status[index + 1]
-            changed = np.flatnonzero(before != after)
-            if not changed.size and not (last and event < self.events.time.size):
+            count = self.events.time.size - event if last else int(np.count_nonzero(before != after))
+            if not count:
                 continue
             state = piece.states(np.array([segments.durations[index]]))[:, 0]
-            count = self.events.time.size - event if last else changed.size
             numbers = range(event, event + count)
-            self.passages[index] = Passage(numbers, before, state, ends)
-            z, v = self._pass(index, before, after, numbers, state, z, v)
+            self.passages[index] = Passage(numbers, before, after, state, ends)
+            if not self.bare:
+                z, v = self._pass(index, before, after, numbers, state, z, v)
             event += count
-        self.final = np.concatenate([scale * z, v])
-
-    def _follow(self) -> None:
-        """Note the states at which events are passed, without derivatives."""
-        event, none = 0, np.zeros((2 * self.modal.size, 0))
-        for index in range(self.segments.starts.size):
-            self._starts.append(none)
-            last = index + 1 == self.segments.starts.size
-            before = self.segments.status[index]
-            after = self._status_at_end(event) if last else self.segments.status[index + 1]
-            count = self.events.time.size - event if last else int(np.count_nonzero(before != after))
-            if count:
-                state = self.closed(index).states(np.array([self.segments.durations[index]]))[:, 0]
-                self.passages[index] = Passage(range(event, event + count), before, state, none)
-                event += count
+        return np.concatenate([scale * z, v])
 
     def _status_at_end(self, event: int) -> Status:
         """Return the status after the events that happen at the very end of the run."""
@@ -320,15 +311,17 @@ class Forward:
             j = int(self.events.contact[number])
             row = modal.contacts[j]
             if before[j] == PINNED:
-                self.event_times[number] = self._release(index, j, int(after[j]), state, z, v)
+                reaction, rate, explicit = self.release(index, j, int(after[j]), state)
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    self.event_times[number] = (
+                        -(reaction @ np.concatenate([modal.scale[:, None] * z, v]) + explicit) / rate
+                    )
                 continue
             meets = self._meets(j, displacement, z)
             rate = float(row @ velocity)
             with np.errstate(divide="ignore", invalid="ignore"):
                 self.event_times[number] = -meets / rate
-            lever = laws.stiffness[j] * (laws.gap[j] - laws.offset[j])
-            with np.errstate(divide="ignore", invalid="ignore"):
-                force = (lever / rate if lever else 0.0) + laws.damping[j]
+            force = self.saltation(j, rate)
             size = float(np.sqrt(row @ row))
             self.crossings.append(Crossing(float(self.events.time[number]), j, rate, abs(force) * size**2))
             if after[j] == PINNED:
@@ -346,14 +339,25 @@ class Forward:
             z, v = self._held(held, z, v, displacement, stopped)
         return z, v
 
-    def _meets(self, j: int, displacement: Array, z: Array) -> Array:
-        """Return the derivative of a gap function at a fixed time, shape (p,)."""
-        meets = self.modal.contacts[j] @ z
+    def saltation(self, j: int, rate: float) -> float:
+        """Return the jump of a contact's force over the rate of its gap function, N s/m."""
+        laws = self.modal.laws
+        assert laws is not None
+        lever = laws.stiffness[j] * (laws.gap[j] - laws.offset[j])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return float((lever / np.float64(rate) if lever else 0.0) + laws.damping[j])
+
+    def gap_changes(self, j: int, displacement: Array) -> Array:
+        """Return the derivatives of a gap function at fixed modal displacements, shape (p,)."""
+        found = np.array([-change.change.gap[j] for change in self.changes])
         for k, change in enumerate(self.changes):
             if change.contacts is not None:
-                meets[k] += change.contacts[j] @ displacement
-            meets[k] -= change.change.gap[j]
-        return np.asarray(meets)
+                found[k] += change.contacts[j] @ displacement
+        return found
+
+    def _meets(self, j: int, displacement: Array, z: Array) -> Array:
+        """Return the derivative of a gap function at a fixed time, shape (p,)."""
+        return np.asarray(self.modal.contacts[j] @ z + self.gap_changes(j, displacement))
 
     def _held(self, held: Status, z: Array, v: Array, displacement: Array, velocity: Array) -> tuple[Array, Array]:
         """Return derivatives that keep pinned contacts at their gaps."""
@@ -368,25 +372,31 @@ class Forward:
         share = np.linalg.solve(rows @ rows.T, rows).T
         return z - share @ off, v - share @ speed
 
-    def _release(self, index: int, j: int, after: int, state: Array, z: Array, v: Array) -> Array:
-        """Return the derivative of the time at which a pinned contact is released, shape (p,)."""
-        laws, scale = self.modal.laws, self.modal.scale[:, None]
+    def release(self, index: int, j: int, after: int, state: Array) -> tuple[Array, float, Array]:
+        """Return what releases a pinned contact at the end of a segment, its reaction less the force that it then has.
+
+        Returns
+        -------
+        row : ndarray, shape (2n,)
+            Its derivative by the scaled state.
+        rate : float
+            Its rate by time.
+        explicit : ndarray, shape (p,)
+            Its derivatives by the parameters at a fixed state.
+        """
+        laws, tau = self.modal.laws, float(self.segments.durations[index])
         assert laws is not None
         rows, constants = self.reaction_rows(index, j)
-        tau = float(self.segments.durations[index])
-        value_p = rows[0] @ np.concatenate([scale * z, v])
-        for k in range(len(self.changes)):
+        explicit = np.empty(len(self.changes))
+        for k, change in enumerate(self.changes):
             row_p, constant_p = self.reaction_changes(index, j, k)
-            value_p[k] += row_p @ state + constant_p.at(tau)
+            explicit[k] = row_p @ state + constant_p.at(tau)
             if after == CLOSED:
-                gap_p, k_p = self.changes[k].change.gap[j], self.changes[k].change.contact_stiffness[j]
-                value_p[k] -= laws.stiffness[j] * gap_p + k_p * laws.gap[j]
-        flow = self.flow(self.segments.status[index])
-        slope = flow.equation.matrix @ state
+                gap_p, k_p = change.change.gap[j], change.change.contact_stiffness[j]
+                explicit[k] -= laws.stiffness[j] * gap_p + k_p * laws.gap[j]
+        slope = self.flow(self.segments.status[index]).equation.matrix @ state
         slope[self.modal.size :] += self.forces(index)[1].at(tau)
-        rate = float(rows[0] @ slope + constants.rate().at(tau))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(-value_p / rate)
+        return rows[0], float(rows[0] @ slope + constants.rate().at(tau)), explicit
 
     # -- forces of contacts -----------------------------------------------------------------------
 

@@ -127,8 +127,8 @@ def modal_change(modal: ModalSystem, full: System, change: SystemChange) -> Moda
             c = c + _modal_damping(modal, m, k) + 2.0 * change.modal_damping * np.diag(np.sqrt(modal.stiffness))
         damping = c if np.any(c) else None
     loads = None
-    if any(np.any(vector) for vector in change.vectors):
-        loads = np.stack(change.vectors) @ shapes
+    if np.any(change.vectors):
+        loads = change.vectors @ shapes
     momentum = full.mass @ np.stack([change.displacement, change.velocity], axis=1)
     displacement, velocity = (shapes.T @ momentum).T
     rows = None if change.rows is None else np.asarray(change.rows @ shapes)

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from vofem.blas import one_thread
 from vofem.errors import ArgumentError, MethodError
-from vofem.lookup import rows_over
 from vofem.scene import Scene
-from vofem.sensitivities.forward import Forward, Work
-from vofem.sensitivities.modal import ModalChange, modal_change, modal_system
+from vofem.sensitivities.modal import ModalChange
+from vofem.sensitivities.of_runs import MotionSensitivities, without_state
 from vofem.sensitivities.of_statics import OfParameters
 from vofem.sensitivities.parameter import Parameter, parameters_of
-from vofem.sensitivities.system_change import SystemChange, system_changes, unchanged
+from vofem.sensitivities.system_change import system_changes, unchanged
 from vofem.studies.steady import PeriodicOrbit, SpecialPoint
 from vofem.system import CLOSED, OPEN, PINNED
 from vofem.time_functions import Sine, as_time_function
@@ -29,7 +27,7 @@ Complex = NDArray[np.complex128]
 _SAME = 1e-7
 
 
-class OrbitSensitivities(OfParameters):
+class OrbitSensitivities(MotionSensitivities):
     """Derivatives of a periodic orbit by parameters; the last axis is the parameter.
 
     The orbit stays periodic while a parameter changes: its state at t = 0 of the loads moves along, and so does its
@@ -45,8 +43,8 @@ class OrbitSensitivities(OfParameters):
     """
 
     def __init__(self, orbit: PeriodicOrbit, parameters: Any) -> None:
-        scene = orbit.scene
-        super().__init__(scene, parameters_of("sensitivities", parameters, scene))
+        scene, result = orbit.scene, orbit.result
+        chosen = parameters_of("sensitivities", parameters, scene)
         if orbit.method != "shooting":
             raise MethodError(
                 f"sensitivities: the orbit was found by {orbit.method}, which approximates it; find it by "
@@ -54,37 +52,30 @@ class OrbitSensitivities(OfParameters):
             )
         if orbit.autonomous:
             raise ArgumentError("sensitivities: no load determines the period of this orbit; add a load")
-        self.orbit = orbit
-        result = orbit.result
         if hasattr(result.solution, "reduced"):
             raise MethodError(
                 "sensitivities: the orbit was found in a few vectors; use fewer elements, so that it is found in all "
                 "modes"
             )
-        full = result.model.system
-        changes = system_changes(scene, self.parameters)
-        self._changes: list[SystemChange] = []
-        for parameter, change in zip(self.parameters, changes, strict=True):
-            if parameter.field.startswith("initial."):
-                raise ArgumentError(f"Parameter {parameter.name}: an orbit does not depend on an initial state")
-            none = np.zeros(full.size)
-            self._changes.append(replace(change, displacement=none, velocity=none))
+        self.orbit = orbit
+        changes = without_state(system_changes(scene, chosen), chosen, "an orbit does not depend on an initial state")
+        super().__init__(scene, result, chosen, changes)
+        n = self._modal.size
         self.period = np.array([-orbit.period * self._faster(parameter) for parameter in self.parameters])
-        modal = modal_system(result.solution)
-        self._modal = modal
-        n = modal.size
-        columns = [modal_change(modal, full, change) for change in self._changes]
-        for k in range(2 * n):
-            unit = np.zeros((2, n))
-            unit[k // n, k % n] = 1.0 / modal.scale[k] if k < n else 1.0
-            columns.append(ModalChange(None, None, None, None, None, unit[0], unit[1], unchanged(full)))
-        self.work = Work(assemblies=sum(change.assemblies for change in self._changes))
-        self._forward = Forward(result.solution, modal, columns, self.work)
         p = len(self.parameters)
         # Of the residual of periodicity by parameters, the period moving along, and by the start.
         self._by_parameters = self._forward.final[:, :p] + np.outer(self._last_rate(), self.period)
         self.monodromy = self._forward.final[:, p:]
         self._start = np.linalg.solve(np.eye(2 * n) - self.monodromy, self._by_parameters)
+
+    def _columns(self) -> list[ModalChange]:
+        modal, same = self._modal, unchanged(self._scene)
+        n, columns = modal.size, super()._columns()
+        for k in range(2 * n):
+            unit = np.zeros((2, n))
+            unit[k // n, k % n] = 1.0 / modal.scale[k] if k < n else 1.0
+            columns.append(ModalChange(None, None, None, None, None, unit[0], unit[1], same))
+        return columns
 
     def _faster(self, parameter: Parameter) -> float:
         """Return the derivative of the logarithm of the frequency of the loads by a parameter."""
@@ -111,25 +102,6 @@ class OrbitSensitivities(OfParameters):
         return found[..., :p] + found[..., p:] @ self._start
 
     # -- motion -----------------------------------------------------------------------------------
-
-    def displacement(self, point: Any, t: ArrayLike | None = None) -> Array:
-        """Return the derivatives of the displacement of a point at times of the orbit, shape (n_times, p)."""
-        return self._along(point, t, 0)
-
-    def velocity(self, point: Any, t: ArrayLike | None = None) -> Array:
-        """Return the derivatives of the velocity of a point at times of the orbit, shape (n_times, p)."""
-        return self._along(point, t, 1)
-
-    def _along(self, point: Any, t: ArrayLike | None, kind: int) -> Array:
-        result, forward = self.orbit.result, self._forward
-        times = result.times if t is None else np.atleast_1d(np.asarray(t, dtype=float))
-        row = np.asarray(rows_over(result.model, result.scene.bodies, [point]) @ self._modal.shapes)
-        blank = np.zeros_like(row)
-        out = self._total(forward.sample(np.hstack([row, blank] if kind == 0 else [blank, row]), times)[0])
-        for k, change in enumerate(self._changes):
-            if (moved := change.points([point])) is not None:
-                out[:, k] += (np.asarray(moved @ self._modal.shapes) @ forward.motion(times)[kind])[0]
-        return np.asarray(out)
 
     @one_thread
     def extremes(self, point: Any) -> Array:
@@ -221,7 +193,7 @@ class OrbitSensitivities(OfParameters):
             row = modal.contacts[j]
             rate = float(row @ velocity)
             lever = laws.stiffness[j] * (laws.gap[j] - laws.offset[j])
-            gain = (lever / rate if lever else 0.0) + laws.damping[j]
+            gain = forward.saltation(j, rate)
             whole[n:, :n] -= sign * gain * np.outer(row, row / modal.scale)
             for k in range(p):
                 change = forward.changes[k]
@@ -266,11 +238,8 @@ class OrbitSensitivities(OfParameters):
         t = min(found, key=lambda s: abs(gap(s)))
         state = np.concatenate([row, np.zeros_like(row)])[None]
         moved = self._total(self._forward.sample(state, np.array([t]))[0])[0]
-        for k, change in enumerate(self._forward.changes[: len(self.parameters)]):
-            moved[k] -= change.change.gap[j]
-            if change.contacts is not None:
-                moved[k] += float(change.contacts[j] @ self._forward.motion(np.array([t]))[0][:, 0])
-        return np.asarray(moved)
+        displacement = self._forward.motion(np.array([t]))[0][:, 0]
+        return np.asarray(moved + self._forward.gap_changes(j, displacement)[: len(self.parameters)])
 
 
 class SpecialSensitivities(OfParameters):

@@ -7,9 +7,9 @@ exists at the limits of a number too. Lengths and places enter as low powers, fo
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +21,12 @@ from vofem.scene import Scene
 from vofem.sensitivities.change import INITIAL, PLACES, function_at, moved_point, point_of
 from vofem.sensitivities.parameter import Parameter
 from vofem.sharing import sharing_between_scenes
-from vofem.system import System, same_matrix
+from vofem.system import same_matrix
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
 Array = NDArray[np.float64]
-T = TypeVar("T")
 
 #: Weights of a central difference of order eight, at steps -4 to 4.
 _CENTRAL = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
@@ -48,12 +47,12 @@ class SystemChange:
     Attributes
     ----------
     mass, stiffness, damping : csc_matrix, shape (n, n), optional
-    rayleigh : (float, float)
-    modal_damping : float
+    rayleigh : ndarray, shape (2,)
+    modal_damping : ndarray, shape ()
         Of the ratios, all of which change by the same amount.
     rows : csr_matrix, shape (n_contacts, n), optional
     gap, contact_stiffness, contact_damping : ndarray, shape (n_contacts,)
-    vectors : tuple of ndarray, each (n,)
+    vectors : ndarray, shape (n_loads, n)
         Of the load vectors.
     displacement, velocity : ndarray, shape (n,)
         Of the initial state.
@@ -68,13 +67,13 @@ class SystemChange:
     mass: csc_matrix | None
     stiffness: csc_matrix | None
     damping: csc_matrix | None
-    rayleigh: tuple[float, float]
-    modal_damping: float
+    rayleigh: Array
+    modal_damping: Array
     rows: csr_matrix | None
     gap: Array
     contact_stiffness: Array
     contact_damping: Array
-    vectors: tuple[Array, ...]
+    vectors: Array
     displacement: Array
     velocity: Array
     functions: dict[int, tuple[str, ...]]
@@ -85,7 +84,7 @@ class SystemChange:
     def moves_matrices(self) -> bool:
         """Whether mass, stiffness or damping outside of contacts change."""
         parts = (self.mass, self.stiffness, self.damping)
-        return any(part is not None for part in parts) or any(self.rayleigh) or self.modal_damping != 0.0
+        return any(part is not None for part in parts) or bool(np.any(self.rayleigh) or self.modal_damping)
 
 
 def system_changes(scene: Scene, parameters: Sequence[Parameter]) -> list[SystemChange]:
@@ -121,7 +120,7 @@ def _of_elements(scene: Scene, parameters: Sequence[Parameter]) -> dict[int, Sys
             matrices = [None if m is None else m.multiply(inside).multiply(inside[:, None]).tocsc()
                         for m in (whole.mass, whole.stiffness)]  # fmt: skip
             parts[element] = replace(
-                whole, mass=matrices[0], stiffness=matrices[1], vectors=tuple(v * inside for v in whole.vectors),
+                whole, mass=matrices[0], stiffness=matrices[1], vectors=whole.vectors * inside,
                 assemblies=whole.assemblies if place == 0 else 0,
             )  # fmt: skip
         found.update({k: parts[element] for k, element in numbers.items()})
@@ -172,51 +171,38 @@ def _difference(
 ) -> SystemChange:
     """Return the weighted sum over the systems of changed scenes."""
     scenes = [scene if step == 0.0 else parameter.changed(scene, step) for step in steps]
-    systems = [one.model.system for one in scenes]
-    base = scene.model
-    if any(not np.array_equal(one.model.free, base.free) for one in scenes):
+    if any(not np.array_equal(one.model.free, scene.model.free) for one in scenes):
         raise ArgumentError(f"{parameter.describe()}: the degrees of freedom themselves change with it")
-    if enlarge and (share := _share(systems[0], systems[1])) < _LARGE:
+    known = [_numbers(one) for one in scenes]
+    if enlarge and (share := _share(*known)) < _LARGE:
         # The equations are linear, so any step is exact; a large one leaves more digits in the difference.
         factor = 2.0 ** np.ceil(np.log2(_LARGE / share))
         return _difference(scene, parameter, [0.0, factor * steps[1]], weights / factor)
-    states = [one.initial_state() for one in scenes]
-
-    def combined(pick: Callable[[System], Any]) -> Any:
-        return _combined([pick(system) for system in systems], weights)
 
     def points(given: Sequence[Any]) -> Any:
         return _combined([rows_over(one.model, one.bodies, [carried(scene, one, point) for point in given])
                           for one in scenes], weights)  # fmt: skip
 
-    laws = [system.contacts for system in systems]
-    gap = stiffness = damping = np.zeros(0)
-    rows = None
-    if laws[0] is not None:
-        gap, stiffness, damping = (
-            _plain([getattr(law, name) for law in laws], weights) for name in ("gap", "stiffness", "damping")
-        )
-        rows = _combined([law.rows for law in laws if law is not None], weights)
-    rayleigh = _plain([np.array(system.rayleigh or (0.0, 0.0)) for system in systems], weights)
-    ratio = [np.atleast_1d(system.modal_damping if system.modal_damping is not None else 0.0) for system in systems]
-    count = len(systems[0].loads)
     return SystemChange(
-        mass=combined(lambda s: s.mass),
-        stiffness=combined(lambda s: s.stiffness),
-        damping=combined(lambda s: s.damping),
-        rayleigh=(float(rayleigh[0]), float(rayleigh[1])),
-        modal_damping=float(_plain(ratio, weights)[0]),
-        rows=rows,
-        gap=gap,
-        contact_stiffness=stiffness,
-        contact_damping=damping,
-        vectors=tuple(_plain([s.loads[k].vector for s in systems], weights) for k in range(count)),
-        displacement=_plain([state.q for state in states], weights),
-        velocity=_plain([state.v for state in states], weights),
-        functions={},
-        points=points,
-        assemblies=sum(one is not scene for one in scenes),
-    )
+        **{name: _combined([one[name] for one in known], weights) for name in known[0]},
+        functions={}, points=points, assemblies=sum(one is not scene for one in scenes),
+    )  # fmt: skip
+
+
+def _numbers(scene: Scene) -> dict[str, Any]:
+    """Return the numbers of the system of a scene by the names of their derivatives."""
+    system, state, none = scene.model.system, scene.initial_state(), np.zeros(0)
+    laws = system.contacts
+    ratio = 0.0 if system.modal_damping is None else float(np.atleast_1d(system.modal_damping)[0])
+    return {
+        "mass": system.mass, "stiffness": system.stiffness, "damping": system.damping,
+        "rayleigh": np.array(system.rayleigh or (0.0, 0.0)), "modal_damping": np.array(ratio),
+        "rows": None if laws is None else laws.rows, "gap": none if laws is None else laws.gap,
+        "contact_stiffness": none if laws is None else laws.stiffness,
+        "contact_damping": none if laws is None else laws.damping,
+        "vectors": np.array([load.vector for load in system.loads]).reshape(-1, system.size),
+        "displacement": state.q, "velocity": state.v,
+    }  # fmt: skip
 
 
 def _of_function(scene: Scene, parameter: Parameter, path: tuple[str, ...]) -> SystemChange:
@@ -225,23 +211,13 @@ def _of_function(scene: Scene, parameter: Parameter, path: tuple[str, ...]) -> S
     system = scene.model.system
     touched = {k: path for k, (a, b) in enumerate(zip(system.loads, changed.loads, strict=True))
                if a.function != b.function}  # fmt: skip
-    return unchanged(system, functions=touched)
+    return replace(unchanged(scene), functions=touched, assemblies=1)
 
 
-def unchanged(
-    system: System,
-    displacement: Array | None = None,
-    velocity: Array | None = None,
-    functions: dict[int, tuple[str, ...]] | None = None,
-) -> SystemChange:
-    """Return the derivative by a number that enters the initial state, or functions of time, and nothing else."""
-    n, contacts = system.size, 0 if system.contacts is None else len(system.contacts)
-    none, blank = np.zeros(contacts), np.zeros(n)
-    return SystemChange(
-        None, None, None, (0.0, 0.0), 0.0, None, none, none, none, tuple(blank for _ in system.loads),
-        blank if displacement is None else displacement, blank if velocity is None else velocity, functions or {},
-        lambda given: None, 0 if functions is None else 1,
-    )  # fmt: skip
+def unchanged(scene: Scene) -> SystemChange:
+    """Return the derivative by a number that does not enter the system of a scene."""
+    none = {name: _combined([value], np.zeros(1)) for name, value in _numbers(scene).items()}
+    return SystemChange(**none, functions={}, points=lambda given: None, assemblies=0)
 
 
 def carried(scene: Scene, other: Scene, point: Any) -> Any:
@@ -258,22 +234,16 @@ def _stretch(body: Any, new: Any) -> float:
     return float(new.length / body.length) if hasattr(body, "length") else 1.0
 
 
-def _share(one: System, two: System) -> float:
+def _share(one: dict[str, Any], two: dict[str, Any]) -> float:
     """Return the smallest change of a kind of numbers relative to the entries that change, of the kinds that do."""
     shares = []
-    laws = [system.contacts for system in (one, two)]
-    pairs = [(getattr(one, name), getattr(two, name)) for name in ("mass", "stiffness", "damping")]
-    pairs += [(a.vector, b.vector) for a, b in zip(one.loads, two.loads, strict=True)]
-    if laws[0] is not None and laws[1] is not None:
-        pairs += [(getattr(laws[0], name), getattr(laws[1], name)) for name in ("gap", "stiffness", "damping")]
-    for a, b in pairs:
+    for name in ("mass", "stiffness", "damping", "gap", "contact_stiffness", "contact_damping", "vectors"):
+        a, b = one[name], two[name]
         if a is None or b is None:
             continue
-        dense = not hasattr(a, "tocsc")
-        if np.array_equal(a, b) if dense else same_matrix(a, b):
-            continue
-        difference = np.abs(b - a) if dense else abs(b - a)
-        entries = np.abs(a)[difference > 0.0] if dense else abs(a).multiply(difference > 0.0)
+        difference = abs(b - a)
+        moved = difference > 0.0
+        entries = abs(a)[moved] if isinstance(a, np.ndarray) else abs(a).multiply(moved)
         largest = float(entries.max()) if entries.shape[0] else 0.0
         if largest > 0.0:
             shares.append(float(difference.max()) / largest)
@@ -281,50 +251,37 @@ def _share(one: System, two: System) -> float:
 
 
 def _combined(parts: Sequence[Any], weights: Array) -> Any:
-    """Return the weighted sum of sparse matrices, each of which may be missing; None where they are all the same."""
+    """Return the weighted sum of arrays, or of sparse matrices, each of which may be missing; None where all are equal.
+
+    Weights of a difference sum up to zero, so that what is the same everywhere drops out exactly.
+    """
+    if isinstance(parts[0], np.ndarray):
+        total = np.zeros_like(parts[0], dtype=float)
+        for part, weight in zip(parts[1:], weights[1:], strict=True):
+            total = total + weight * (part - parts[0])
+        return np.asarray(total)
     if all(same_matrix(parts[0], part) for part in parts[1:]):
         return None
-    shape = next(part.shape for part in parts if part is not None)
     from scipy.sparse import csc_matrix
 
-    total = csc_matrix(shape)
-    base = csc_matrix(shape) if parts[0] is None else parts[0]
-    # Weights of a difference sum up to zero, so that what is the same everywhere drops out exactly.
+    blank = csc_matrix(next(part.shape for part in parts if part is not None))
+    base, total = blank if parts[0] is None else parts[0], blank
     for part, weight in zip(parts[1:], weights[1:], strict=True):
-        total = total + weight * ((csc_matrix(shape) if part is None else part) - base)
+        total = total + weight * ((blank if part is None else part) - base)
     total = total.tocsc()
     total.eliminate_zeros()
     return total if total.nnz else None
 
 
-def _plain(parts: Sequence[Any], weights: Array) -> Array:
-    """Return the weighted sum of arrays."""
-    total = np.zeros(np.shape(parts[0]))
-    for part, weight in zip(parts[1:], weights[1:], strict=True):
-        total = total + weight * (part - parts[0])
-    return np.asarray(total)
-
-
 def _sum(one: SystemChange, two: SystemChange) -> SystemChange:
     """Return the sum of two derivatives: linked numbers change together."""
 
-    def added(a: T | None, b: T | None) -> T | None:
-        return a if b is None else b if a is None else a + b  # type: ignore[operator]
+    def added(a: Any, b: Any) -> Any:
+        return a if b is None else b if a is None else a + b
 
+    numbers = {part.name: added(getattr(one, part.name), getattr(two, part.name)) for part in fields(one)
+               if part.name not in ("functions", "points")}  # fmt: skip
     return SystemChange(
-        mass=added(one.mass, two.mass),
-        stiffness=added(one.stiffness, two.stiffness),
-        damping=added(one.damping, two.damping),
-        rayleigh=(one.rayleigh[0] + two.rayleigh[0], one.rayleigh[1] + two.rayleigh[1]),
-        modal_damping=one.modal_damping + two.modal_damping,
-        rows=added(one.rows, two.rows),
-        gap=one.gap + two.gap,
-        contact_stiffness=one.contact_stiffness + two.contact_stiffness,
-        contact_damping=one.contact_damping + two.contact_damping,
-        vectors=tuple(a + b for a, b in zip(one.vectors, two.vectors, strict=True)),
-        displacement=one.displacement + two.displacement,
-        velocity=one.velocity + two.velocity,
-        functions={**one.functions, **two.functions},
+        **numbers, functions={**one.functions, **two.functions},
         points=lambda given: added(one.points(given), two.points(given)),
-        assemblies=one.assemblies + two.assemblies,
-    )
+    )  # fmt: skip

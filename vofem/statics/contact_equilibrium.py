@@ -11,7 +11,7 @@ from vofem.scene import Scene, as_scene
 from vofem.statics.held import check_held
 from vofem.statics.outcome import Equilibrium, StaticContact
 from vofem.statics.solver import EquilibriumSolver, solver_of
-from vofem.system import CLOSED, OPEN, PINNED
+from vofem.system import CLOSED, OPEN, PINNED, refuse_travelling
 
 
 def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
@@ -43,6 +43,7 @@ def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
 def _equilibrium(scene: Scene, t: float) -> Equilibrium:
     model = scene.model
     system = model.system
+    refuse_travelling("equilibrium", system)
     for group in system.laws:
         reason = group.statics_refusal(path=False)
         if reason is not None:

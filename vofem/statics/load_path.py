@@ -15,7 +15,7 @@ from vofem.scene import Scene, as_scene
 from vofem.statics.held import check_held
 from vofem.statics.path_outcome import ContactPath, QuasiStatic, SpringPath
 from vofem.statics.work_balance import printed_notes, taken, work_notes
-from vofem.system import CLOSED, PINNED
+from vofem.system import CLOSED, PINNED, refuse_travelling
 
 Array = NDArray[np.float64]
 
@@ -60,6 +60,7 @@ def quasi_static(scene: Scene, load_factors: ArrayLike) -> QuasiStatic:
         raise ArgumentError(f"quasi_static: load_factors has shape {factors.shape}, expected a list of numbers")
     model = as_scene("quasi_static", scene).model
     system = model.system
+    refuse_travelling("quasi_static", system)
     for group in system.laws:
         reason = group.statics_refusal(path=True)
         if reason is not None:

@@ -24,9 +24,8 @@ def taken(system: System, q: Array, energies: Array) -> Array:
     energies : ndarray, shape (2, m, n_factors)
         Energy stored and energy dissipated by laws with internal variables, J.
     """
-    whole = (
-        strain_energy(system, q) + contact_energy(system.contacts, q, np.zeros(q.shape[1])) + energies.sum(axis=(0, 1))
-    )
+    times = np.zeros(q.shape[1])
+    whole = strain_energy(system, q, times) + contact_energy(system.contacts, q, times) + energies.sum(axis=(0, 1))
     return np.asarray(whole)
 
 

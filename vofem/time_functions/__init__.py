@@ -23,6 +23,7 @@ from vofem.time_functions.base import (
 from vofem.time_functions.displacement import Displacement
 from vofem.time_functions.moments import carried
 from vofem.time_functions.named import Pulse, Ramp, Sine
+from vofem.time_functions.parts import parts_of
 from vofem.time_functions.piece import Piece
 from vofem.time_functions.shifted import Shifted
 from vofem.time_functions.tabulated import Tabulated
@@ -45,6 +46,7 @@ __all__ = [
     "TimeFunction",
     "as_time_function",
     "carried",
+    "parts_of",
 ]
 
 FUNCTIONS |= {table_name(cls): cls for cls in (Sine, Constant, Ramp, Pulse, Tabulated, Sum, Scaled)}

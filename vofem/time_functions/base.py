@@ -27,6 +27,12 @@ class TimeFunction(ABC):
     #: Whether `piece` and `derivative` are available.
     closed_form = True
 
+    #: Whether it belongs to a load that travels along a beam.
+    travels = False
+
+    #: What keeps it from having a closed form, for messages; empty where a plain callable does.
+    obstacle = ""
+
     #: Whether its parameters tell all of it, so that a scene file can hold it.
     written_out = True
 
@@ -58,6 +64,10 @@ class TimeFunction(ABC):
         -------
         values, slopes : ndarray, shape (n,)
         """
+        return None
+
+    def polynomials(self, t0: Array) -> Array | None:
+        """Return value and three derivatives of the pieces from many times on, (4, n); None if not all are cubics."""
         return None
 
     @property

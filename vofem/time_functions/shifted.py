@@ -29,6 +29,16 @@ class Shifted(TimeFunction):
         """Whether the function has a closed form."""
         return self.function.closed_form
 
+    @property
+    def travels(self) -> bool:  # type: ignore[override]
+        """Whether the function belongs to a load that travels."""
+        return self.function.travels
+
+    @property
+    def obstacle(self) -> str:  # type: ignore[override]
+        """What keeps the function from having a closed form."""
+        return self.function.obstacle
+
     def derivative(self, t: ArrayLike, order: int = 1) -> Array:
         """Return the derivative of the function at the shifted times."""
         return self.function.derivative(self.start + np.asarray(t, dtype=float), order)
@@ -50,6 +60,10 @@ class Shifted(TimeFunction):
     def lines(self, t0: Array) -> tuple[Array, Array] | None:
         """Return the function's values and slopes at the shifted times."""
         return self.function.lines(self.start + np.asarray(t0, dtype=float))
+
+    def polynomials(self, t0: Array) -> Array | None:
+        """Return the function's cubics at the shifted times."""
+        return self.function.polynomials(self.start + t0)
 
     def piece(self, t0: float) -> Piece:
         """Return the function's piece at the shifted time."""

@@ -47,7 +47,7 @@ class Blocks(NamedTuple):
         See `linalg.oscillators`.
     pair : ndarray of int, shape (r, 3)
         Coupled blocks, the loads that drive them, and the second derivatives of these loads, -1 for none, as numbers of
-        blocks. A line that is bent is driven by its second derivative.
+        blocks. A line that is bent is driven by its second derivative; the third number is then -2.
     gain : ndarray, shape (r, 4)
         a1, b1, a2, b2 of each pair.
     group : Group or None
@@ -131,6 +131,10 @@ def _add_from_rest(blocks: Blocks, start: Array, tau: float, out: Array) -> None
     of, pair = blocks.of, blocks.pair
     for e in range(pair.shape[0]):
         k, j = pair[e, 0], pair[e, 1]
+        if pair[e, 2] == -2:
+            out[0, k] += 0.5 * tau * tau * (start[0, j] + tau * start[1, j] / 3.0)
+            out[1, k] += tau * (start[0, j] + 0.5 * tau * start[1, j])
+            continue
         z, v = from_rest(of[DELTA, k], of[SQUARE, k], of[SQUARE, j], start[0, j], start[1, j], blocks.gain[e], tau)
         if pair[e, 2] >= 0:
             second, third = start[0, pair[e, 2]], start[1, pair[e, 2]]
@@ -198,11 +202,15 @@ def row_changes(blocks: Blocks, rows: Array, tau: Array) -> Array:
     w, u = rows[:, 0], rows[:, 1]
     delta, p = blocks.of[DELTA], blocks.of[SQUARE]
     found = np.stack([w * (c + delta * s) - u * (p * s), w * s + u * (c - delta * s)], axis=2)
-    for e, (k, j) in enumerate(blocks.pair.tolist()):
-        for i, t in enumerate(tau.tolist()):
-            for part, (f, rate) in enumerate(((1.0, 0.0), (0.0, 1.0))):
-                z, v = from_rest(delta[k], p[k], p[j], f, rate, blocks.gain[e], t)
-                found[i, :, part, j] += w[:, k] * z + u[:, k] * v
+    driving = np.unique(blocks.pair[:, 1:])
+    for j in driving[driving >= 0].tolist():
+        for part in (0, 1):
+            start = np.zeros((2, delta.size))
+            start[part, j] = 1.0
+            for i, t in enumerate(tau.tolist()):
+                driven = np.zeros_like(start)
+                _add_from_rest(blocks, start, t, driven)
+                found[i, :, part, j] += w @ driven[0] + u @ driven[1]
     return np.asarray(found)
 
 
@@ -218,5 +226,13 @@ def _changes_at_once(blocks: Blocks, starts: Array, own: Integers, tau: Array, o
     z, v, delta = starts[own, 0], starts[own, 1], blocks.of[DELTA]
     out[:, 0] = c * z + s * (v + delta * z)
     out[:, 1] = c * v - s * (blocks.of[SQUARE] * z + delta * v)
-    for i in range(tau.size) if blocks.pair.size else ():
-        _add_from_rest(blocks, starts[own[i]], tau[i], out[i])
+    if not blocks.pair.size:
+        return
+    bends = blocks.pair[:, 2] == -2
+    for k, j, _ in blocks.pair[bends].tolist():
+        second, third = starts[own, 0, j], starts[own, 1, j]
+        out[:, 0, k] += 0.5 * tau**2 * (second + tau * third / 3.0)
+        out[:, 1, k] += tau * (second + 0.5 * tau * third)
+    others = blocks._replace(pair=blocks.pair[~bends], gain=blocks.gain[~bends])
+    for i in range(tau.size) if others.pair.size else ():
+        _add_from_rest(others, starts[own[i]], tau[i], out[i])

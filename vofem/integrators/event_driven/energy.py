@@ -12,8 +12,7 @@ the run. Powers are quadratic forms of (y, w). With P from ``A' P + P A = -Q`` t
 of blocks without a steady answer, with such a load or among each other, are integrated by Gauss's rule on panels.
 Everything follows from the dampers and the roots, so that the energy balance is an independent check.
 
-Clusters of modes have no such form, and neither have loads that are polynomials of a higher degree and stops that move,
-so the power of a status with them is integrated on panels. The kinetic energy
+Clusters of modes have no such form, so the power of a status with clusters is integrated on panels. The kinetic energy
 that is removed when a contact is pinned counts as dissipated.
 """
 
@@ -26,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.integrators.event_driven.exosystem import CONSTANT
 from vofem.integrators.event_driven.record import Record
 from vofem.integrators.event_driven.regime import Regime, flat
 from vofem.linalg.oscillators import DELTA, FREQUENCY, SQUARE
@@ -108,8 +108,13 @@ class StatusForms:
         steady = regime.answers.steady
         loads = regime.load_rows @ steady
         mixed = _times(power, steady)
-        self.work = self._with_loads(None, None, 0.5 * regime.load_rows.T, 0.5 * (loads + loads.T))
-        self.loss = self._with_loads(lost, self.lone, mixed, steady.T @ mixed)
+        work = [0.5 * regime.load_rows.T, 0.5 * (loads + loads.T)]
+        loss = [mixed, steady.T @ mixed]
+        if regime.stops is not None:
+            for parts, more in zip((work, loss), _of_stops(regime), strict=True):
+                parts[0], parts[1] = parts[0] + more[0], parts[1] + more[1]
+        self.work = self._with_loads(None, None, *work)
+        self.loss = self._with_loads(lost, self.lone, *loss)
 
     def _with_loads(self, blocks: Array | None, lone: Array | None, mixed: Array, loads: Array) -> _Form:
         """Return a form, given P of the blocks and the integrands of products with loads."""
@@ -119,6 +124,14 @@ class StatusForms:
             mixed = mixed + _times(blocks, drive)
         panels = np.where(np.tile(apart, (2, 2)), mixed, 0.0)
         found = lyapunov(spectrum.delta, spectrum.p, np.zeros_like(squares), squares, mixed - panels)
+        e, bent = self.regime.loads, np.flatnonzero(self.regime.bend >= 0)
+        if bent.size:
+            # The rate of a line that is bent changes with the line's second derivative.
+            second = self.regime.bend[bent]
+            columns, none = np.concatenate([second, e + second]), np.zeros(bent.size)
+            rest = (mixed - panels)[:, columns]
+            rest[:, : bent.size] += found[:, e + bent]
+            found[:, columns] = lyapunov(spectrum.delta, spectrum.p, none, none, rest)
         rest = found.T @ drive
         return _Form(blocks, found, loads + rest + rest.T, (np.zeros((0, 0)) if lone is None else lone, panels))
 
@@ -153,7 +166,7 @@ class StatusForms:
                     fall += _products(_times(form.blocks, d.T).T, d)
                 total[at] = -fall
         for total, form in zip(found, forms, strict=True):
-            total += _of_loads(form.loads, omega, w.T, own, tau)
+            total += _of_loads(form.loads, omega, regime.bend, w.T, own, tau)
             if np.any(form.panels[0]) or np.any(form.panels[1]):
                 for s, mine in _runs(own):
                     total[mine] += self._on_panels(form.panels, begins[s], tau[mine])
@@ -174,6 +187,24 @@ class StatusForms:
         blocks = np.flatnonzero(used.reshape(2, -1).any(axis=0))
         quickest = np.sqrt(spectrum.p[blocks].max()) + spectrum.delta[blocks].max()
         return quadrature(power, tau, float(2.0 * quickest + regime.blocks.of[FREQUENCY, :e].max(initial=0.0)))
+
+
+def _of_stops(regime: Regime) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Return what moving stops add to work and loss: products of blocks and loads, (2m, 2e), and of loads, (2e, 2e)."""
+    stops, e, m = regime.stops, regime.loads, regime.spectrum.p.size
+    assert stops is not None
+    k, c = stops.stiffness[:, None], stops.damping[:, None]
+    rate = np.concatenate([np.zeros_like(stops.drift), stops.drift], axis=1)
+    place = regime.coordinates.reshape(len(k), 2, e + m)
+    at_blocks, at_loads = (flat(part) for part in (place[:, :, e:], place[:, :, :e].copy()))
+    at_loads[:, :1] -= np.where(regime.function[:1] == CONSTANT, stops.offset[:, None], 0.0)
+    speed = regime.velocities(stops.rows)
+    carried = speed @ regime.answers.steady
+    force = k * at_loads + c * (carried + rate)
+    of_loads = force.T @ rate
+    lost = (c * rate).T @ (carried + 0.5 * rate)
+    work = 0.5 * (k * at_blocks + c * speed).T @ rate, 0.5 * (of_loads + of_loads.T)
+    return work, ((c * speed).T @ rate, lost + lost.T)
 
 
 def work_and_dissipation(
@@ -203,8 +234,8 @@ def work_and_dissipation(
         places = order[mine]
         used, own = np.unique(of[places], return_inverse=True)
         starts = begins(regime, used)
-        moved = regime.stops is not None or (regime.sliding is not None and regime.sliding.moves)
-        if regime.blocks.group is None and not moved and not regime.bent:
+        moved = regime.sliding is not None and (regime.sliding.moves or regime.stops is not None)
+        if regime.blocks.group is None and not moved:
             if "forms" not in regime.kept:
                 regime.kept["forms"] = StatusForms(regime)
             found[:, places] = regime.kept["forms"].taken(starts, own, tau[places])
@@ -276,7 +307,7 @@ def lyapunov(delta: Array, p: Array, e: Array, q: Array, power: Array) -> Array:
     return np.block([[np.where(known, p * g + 2.0 * e * b - zv, 0.0), b], [c, g]])
 
 
-def _of_loads(own: Array, omega: Array, w: Array, segment: Integers, tau: Array) -> Array:
+def _of_loads(own: Array, omega: Array, bend: Integers, w: Array, segment: Integers, tau: Array) -> Array:
     """Return the integrals of ``w' own w`` from 0 to all tau, for load states w (2e, k) at the starts of segments."""
     parts: list[tuple[int, float, int, Complex]] = []
     for j, nu in enumerate(omega):
@@ -287,6 +318,10 @@ def _of_loads(own: Array, omega: Array, w: Array, segment: Integers, tau: Array)
         else:
             line = rate.astype(complex)
             parts += [(j, 0.0, 0, state), (j, 0.0, 1, line), (omega.size + j, 0.0, 0, line)]
+            if bend[j] >= 0:
+                second, third = w[bend[j]].astype(complex), w[omega.size + bend[j]].astype(complex)
+                parts += [(j, 0.0, 2, 0.5 * second), (j, 0.0, 3, third / 6.0)]
+                parts += [(omega.size + j, 0.0, 1, second), (omega.size + j, 0.0, 2, 0.5 * third)]
     moments: dict[tuple[int, float], Complex] = {}
 
     def moment(power: int, nu: float) -> Complex:
@@ -310,12 +345,20 @@ def _moment(power: int, nu: float, tau: Array) -> Complex:
     x = 1j * nu * tau
     if not power:
         return np.asarray(np.expm1(x) / (1j * nu))
-    small = np.abs(x) < 0.5
+    small = np.abs(x) < (0.5 if power == 1 else 2.0 + power)
     result = np.empty_like(x)
     near, far = x[small], x[~small]
-    result[small] = np.polynomial.polynomial.polyval(near, _RAMP_SERIES)
-    result[~small] = (far * np.exp(far) - np.expm1(far)) / far**2
-    return np.asarray(result * tau**2)
+    if power == 1:
+        result[small] = np.polynomial.polynomial.polyval(near, _RAMP_SERIES)
+        result[~small] = (far * np.exp(far) - np.expm1(far)) / far**2
+        return np.asarray(result * tau**2)
+    series = np.array([1.0 / (math.factorial(k) * (k + power + 1)) for k in range(40)])
+    result[small] = np.polynomial.polynomial.polyval(near, series)
+    found = np.expm1(far) / far
+    for k in range(1, power + 1):
+        found = (np.exp(far) - k * found) / far
+    result[~small] = found
+    return np.asarray(result * tau ** (power + 1))
 
 
 def quadrature(function: Callable[[Array], Array], tau: Array, rate: float) -> Array:

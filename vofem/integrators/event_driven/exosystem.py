@@ -132,6 +132,10 @@ def exosystem(functions: Sequence[TimeFunction], edges: Array, *, constant: bool
         if straight is not None:
             lines[:, 0, f], lines[:, 1, f] = straight
             continue
+        cubic = function.polynomials(begin)
+        if cubic is not None:
+            lines[:, :, f], bends[:, :, f] = cubic[:2].T, cubic[2:].T
+            continue
         for i, t in enumerate(begin.tolist()):
             piece = function.piece(t)
             lines[i, :, f] = piece.constant, piece.slope

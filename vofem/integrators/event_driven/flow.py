@@ -11,18 +11,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import EventStormError
-from vofem.integrators.event_driven.follow import Follower
+from vofem.integrators.event_driven.follow import Follower, follower_of
 from vofem.integrators.event_driven.modal_space import ModalSpace, modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.tangent import Event, Tangent, acceleration
-from vofem.integrators.event_driven.walk import Walker, follower_of
 from vofem.system import Counters, State, System
+
+if TYPE_CHECKING:
+    from vofem.integrators.event_driven.walk import Walker
 
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]

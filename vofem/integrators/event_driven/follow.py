@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from contextlib import nullcontext
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,6 +36,9 @@ from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.table import MOST_MODES, Statuses, Table, single
 from vofem.kernels.mode import kernels
 from vofem.system import PINNED
+
+if TYPE_CHECKING:
+    from vofem.integrators.event_driven.walk import Walker
 
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
@@ -186,3 +190,16 @@ class Follower:
         self.status = solution.enter(
             self.time, self.status, entered, self.displacement, self.velocity, self._pin_fraction
         )  # fmt: skip
+
+
+def follower_of(
+    solution: EventSolution, edges: ArrayLike, time: float, status: Status, displacement: Array, velocity: Array,
+    pin_fraction: float, most_events: int,
+) -> Follower | Walker:  # fmt: skip
+    """Return what follows a motion: the compiled loop, or Python where there are rigid stops or sliders."""
+    arguments = solution, edges, time, status, displacement, velocity, pin_fraction, most_events
+    if solution.bounces is None and solution.given.sliders is None:
+        return Follower(*arguments)
+    from vofem.integrators.event_driven.walk import Walker
+
+    return Walker(*arguments)

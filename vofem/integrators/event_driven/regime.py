@@ -21,12 +21,12 @@ from vofem.integrators.event_driven.blocks import Blocks, blocks_of, changes, ro
 from vofem.integrators.event_driven.clusters import group_of
 from vofem.integrators.event_driven.exosystem import CONSTANT
 from vofem.integrators.event_driven.pinned import Reactions, reactions
-from vofem.integrators.event_driven.sliders import Pushes, Sliders, SlidingPiece
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws
 
 if TYPE_CHECKING:
     from vofem.integrators.event_driven.modal_space import ModalSpace
+    from vofem.integrators.event_driven.sliders import Pushes, Sliders, SlidingPiece
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -246,8 +246,8 @@ class Regime:
         Longest time in s for which a motion is computed.
     stops : MovingStops, optional
         Contacts that the motion of bases moves; None where there are none.
-    bent : bool
-        Whether loads are polynomials of a degree above 1.
+    bend : ndarray of int, shape (e,)
+        See `Exosystem`.
     sliding : SlidingPiece, optional
         Sliders; None where there are none.
     """
@@ -268,8 +268,8 @@ class Regime:
     vectors: Array
     function: Integers
     horizon: float
-    stops: MovingStops | None = None
-    bent: bool = False
+    stops: MovingStops | None
+    bend: Integers
     sliding: SlidingPiece | None = None
 
     @property
@@ -285,16 +285,19 @@ class Regime:
     @cached_property
     def load_rows(self) -> Array:
         """The power of the loads as rows over the structure's blocks, by their values and rates, shape (2e, 2m)."""
-        spectrum, loads = self.spectrum, self.loads
-        function, m = self.function, spectrum.p.size
-        rows = np.zeros((2 * loads, 2 * m))
+        loads, function = self.loads, self.function
+        rows = np.zeros((2 * loads, 2 * self.spectrum.p.size))
         mine = np.flatnonzero(function >= 0)
-        local = np.asarray(spectrum.real.down(self.vectors[function[mine]].T)).T
-        if spectrum.blocks is None:
-            rows[mine, m:] = local
-        else:
-            rows[mine] = local @ spectrum.blocks.out[m:]
+        rows[mine] = self.velocities(self.vectors[function[mine]])
         return rows
+
+    def velocities(self, rows: Array) -> Array:
+        """Return modal rows (k, n) that take velocities as rows over the structure's blocks, shape (k, 2m)."""
+        spectrum, m = self.spectrum, self.spectrum.p.size
+        local = np.asarray(spectrum.real.down(rows.T)).T
+        if spectrum.blocks is None:
+            return np.concatenate([np.zeros((len(local), m)), local], axis=1)
+        return np.asarray(local @ spectrum.blocks.out[m:])
 
     @cached_property
     def power(self) -> Array:
@@ -458,7 +461,7 @@ def regime_of(
     gain = np.ascontiguousarray(driven[:, pair[:, 0], :, pair[:, 1]].reshape(len(pair), 4))
     bent = np.flatnonzero(bend >= 0)
     pairs = np.concatenate([
-        np.column_stack([bent, bend[bent], np.full(bent.size, -1)]),
+        np.column_stack([bent, bend[bent], np.full(bent.size, -2)]),
         np.column_stack([e + pair[:, 0], pair[:, 1], bend[pair[:, 1]]]),
     ])  # fmt: skip
     gain = np.concatenate([np.tile([0.0, 0.0, 1.0, 0.0], (bent.size, 1)), gain])
@@ -513,7 +516,7 @@ def regime_of(
         np.concatenate(all_sizes), np.concatenate([sign, np.zeros(held.size + yields.size)]), np.abs(level),
         np.concatenate([plain, held, yields]),
         np.concatenate([np.where(sign < 0.0, OPEN, CLOSED), np.full(held.size, OPEN), np.full(yields.size, CLOSED)]),
-        flat(coordinates), force, vectors, function, horizon, stops, bool(bent.size),
+        flat(coordinates), force, vectors, function, horizon, stops, bend,
     )  # fmt: skip
     if sliders is None or pushes is None or laws is None:
         return regime
@@ -525,6 +528,8 @@ def _with_sliders(
     coordinates: Array, sizes: Array,
 ) -> Regime:  # fmt: skip
     """Return a linear piece in which sliders have the event functions of their statuses."""
+    from vofem.integrators.event_driven.sliders import SlidingPiece
+
     spectrum, e, first = regime.spectrum, regime.loads, sliders.first
     rows = space.contacts[first:]
     modal = rows if spectrum.real.modes is None else rows @ spectrum.real.modes

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from vofem._validate import number, whole
 from vofem.errors import EventStormError, MethodError
+from vofem.integrators.event_driven.follow import follower_of
 from vofem.integrators.event_driven.lifted import TruncatedSolution
-from vofem.integrators.event_driven.modal_space import ModalSpace, modal_space
+from vofem.integrators.event_driven.modal_space import modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
-from vofem.integrators.event_driven.sliding import SlidingSolution, whole_system
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.truncated import (
     FULL_UNKNOWNS,
@@ -23,7 +23,6 @@ from vofem.integrators.event_driven.truncated import (
     run_truncated,
     too_many_inputs,
 )
-from vofem.integrators.event_driven.walk import follower_of
 from vofem.integrators.methods import EVENT_DRIVEN
 from vofem.integrators.observer import Observer, Snapshot, deferred_interrupts
 from vofem.integrators.reduction import loss_in_all_modes
@@ -66,6 +65,12 @@ def refusal(system: System) -> str | None:
             return f"{reason}. Use {advice(system, **way)}"
     for load in system.loads:
         if not load.function.closed_form:
+            obstacle = getattr(load.function, "obstacle", "")
+            if obstacle:
+                return (
+                    f"{load.name} has no closed form, which {EVENT_DRIVEN.name} needs: {obstacle}. Use "
+                    f"{advice(conserves=True)}"
+                )
             return (
                 f"{load.name} has no closed form, which {EVENT_DRIVEN.name} needs. Ways out: write it with Sine, Ramp, "
                 "Pulse, Tabulated and their sums; approximate it, vf.Approximated(f, t_end, tolerance); or "
@@ -177,9 +182,8 @@ def _follow(
 ) -> EventSolution:  # fmt: skip
     """Follow all modes of a system from event to event."""
     counters = Counters()
-    kind = EventSolution if system.sliders is None else SlidingSolution
-    space = space_of(system, counters)
-    solution = kind(system, space, t_end, times, counters)
+    solution = _solution(system, t_end, times, counters)
+    space = solution.space
     if resume is None:
         momentum = system.mass @ np.stack([start.q, start.v], axis=1)
         displacement, velocity = (space.shapes.T @ momentum).T
@@ -208,10 +212,16 @@ def _follow(
     return solution
 
 
-def space_of(system: System, counters: Counters) -> ModalSpace:
-    """Return the modal space of a system, of its sliders too, solved once."""
-    whole = system if system.sliders is None else whole_system(system)
-    return whole.cache.get("modal space", None, lambda: modal_space(whole, counters))
+def _solution(system: System, t_end: float, times: Array, counters: Counters) -> EventSolution:
+    """Return the solution to be filled, with the modal space of the system, which is solved once."""
+    if system.sliders is None:
+        space = system.cache.get("modal space", None, lambda: modal_space(system, counters))
+        return EventSolution(system, space, t_end, times, counters)
+    from vofem.integrators.event_driven.sliding import SlidingSolution, whole_system
+
+    whole = whole_system(system)
+    space = whole.cache.get("modal space", None, lambda: modal_space(whole, counters))
+    return SlidingSolution(system, space, t_end, times, counters)
 
 
 def _storm(system: System, solution: EventSolution, t: float, limit: int) -> str:

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem.errors import EventStormError
 from vofem.integrators.event_driven.bounces import REST, struck
-from vofem.integrators.event_driven.follow import Follower
 from vofem.integrators.event_driven.regime import Regime
 from vofem.integrators.event_driven.search import EventFunctions, exact_cut, march, search_space
 from vofem.integrators.event_driven.sliders import UP
@@ -37,7 +36,7 @@ _NEAR = 1e-6
 
 
 class Walker:
-    """A motion that is followed from segment to segment; see `Follower`, whose interface it has."""
+    """A motion that is followed from segment to segment; see `follow.Follower`, whose interface it has."""
 
     def __init__(
         self, solution: EventSolution, edges: ArrayLike, time: float, status: Status, displacement: Array,
@@ -289,18 +288,16 @@ class Walker:
             held = self._rows[settled | (self.status == PINNED)]
             velocity = self.velocity - np.linalg.pinv(held) @ (held @ self.velocity)
             force = acceleration(space, None, self.status, self.displacement, velocity, load)
-            pushed = self._pushed(int(j), velocity)
-            if pushed > _ZERO * (np.abs(row) @ np.abs(force)):
+            pushed, size = self._pushed(int(j), velocity), np.abs(row) @ np.abs(force)
+            if abs(pushed) <= _ZERO * size:
+                # Nothing pushes yet. The rate of the forces decides, as at the begin of a load.
+                rates = (
+                    vector * float(function.derivative(self.time))
+                    for vector, function in zip(solution.load_vectors, solution.load_functions, strict=True)
+                )
+                rate = sum(rates, -space.stiffness * velocity - space.damping_force(force))
+                pushed, size = float(row @ rate), 0.0
+            if pushed > _ZERO * size:
                 self._change(j, PINNED)
             elif row @ self.velocity > 0.0:
                 self._bounce(j)
-
-
-def follower_of(
-    solution: EventSolution, edges: ArrayLike, time: float, status: Status, displacement: Array, velocity: Array,
-    pin_fraction: float, most_events: int,
-) -> Follower | Walker:  # fmt: skip
-    """Return what follows a motion: the compiled loop, or Python where there are rigid stops."""
-    plain = solution.bounces is None and not isinstance(solution, SlidingSolution)
-    kind = Follower if plain else Walker
-    return kind(solution, edges, time, status, displacement, velocity, pin_fraction, most_events)

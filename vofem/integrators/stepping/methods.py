@@ -265,7 +265,7 @@ def _implicit(method: Method, scheme: Scheme, asked: Asked, blow_up: float, advi
     stored = np.linspace(0.0, t_end, _STEPS + 1) if asked.times is None else asked.times
     out = run.record(stored, asked.probes, t_end)
     solution = march(
-        run, out, notes, t_end, first_energy=stored_energy(system, start.q, start.v), blow_up=blow_up,
+        run, out, notes, t_end, first_energy=stored_energy(system, run.start.q, run.start.v), blow_up=blow_up,
         observer=asked.observer, resume=asked.resume, probes=asked.probes,
     )  # fmt: skip
     solution.dt = run.coarsest
@@ -284,7 +284,7 @@ def _equal(
     _note_chatter(system, notes)
     note_loads(system, dt, t_end, notes)
     run = EqualSteps(system, start, counters, t_end, method, scheme, dt, steps)
-    first = stored_energy(system, start.q, start.v)
+    first = stored_energy(system, run.start.q, run.start.v)
     if scheme.explicit:
         a = run.path.chunk.a[0][run.back]
         first -= 0.125 * dt**2 * float(a @ (system.mass @ a))

@@ -179,7 +179,7 @@ def _coarse(system: System, checked: Checked, on: NDArray[np.bool_], scale: floa
     largest = 0.0
     if system.contacts is not None:
         laws = system.contacts
-        u, rate = laws.coordinates(q, checked.times[on]), laws.rates(v, checked.times[on])
+        u, rate = laws.coordinates(q, checked.times[on]), laws.rates(q, v, checked.times[on])
         closed = (u > laws.gap[:, None]) & np.isinf(laws.resolution)[:, None]
         power += np.sum(np.where(closed, laws.elastic(u) * rate, 0.0), axis=0)
         largest = float(np.max(checked.contacts[:, POWER]))

@@ -271,7 +271,9 @@ class Record:
         if self._contacts is None:
             return np.empty((last + 1, 0))
         rates = np.asarray((self._contacts @ chunk.v[: last + 1, self._columns].T).T)
-        return rates if self._moving is None else rates + self._moving.rate(t[: last + 1]).T
+        if self._moving is None:
+            return rates
+        return rates + self._moving.added_rates(chunk.q[: last + 1].T, chunk.v[: last + 1].T, t[: last + 1]).T
 
     def _store_start(self, path: Path, a: Array) -> None:
         """Store the state at t = 0 at all times that are not later."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,9 @@ from vofem.laws.python import callbacks_of
 from vofem.laws.rows import Rows, all_rows, compressed
 from vofem.linalg.banded import band_order, band_width, factor, solve, subtract_product, to_band, widen
 from vofem.system import CLOSED, Counters, Events, State, System
+
+if TYPE_CHECKING:
+    from vofem.integrators.stepping.travel import Midpoint, Travel
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -165,7 +168,18 @@ class Run:
         u = np.zeros(0) if self.rows is None else np.asarray(self.rows @ q)
         self.moving = None if system.contacts is None else system.contacts.moving
         if self.moving is not None:
+            self.moving = self.moving.ordered(order)
             u[: self.moving.weights.shape[0]] += self.moving.at(0.0)
+        self.travel: Travel | None = None
+        if any(group.travelling is not None for group in system.laws):
+            from vofem.integrators.stepping.travel import begin_ties, travel_of
+
+            assert self.rows is not None
+            self.travel = travel_of(system.laws, self.rows.toarray(), order)
+            begin_ties(self.travel, q, v)
+            self.start = State(q[self.back], v[self.back], start.internal)
+            at_start, offsets, present = (part[0] for part in self.travel.rows(np.zeros(1)))
+            u = np.where(present, at_start @ q + offsets, self.travel.away)
         self.laws = LawSet(system.laws, self.callbacks)
         self.laws.load(u, start.internal)
         laws = self.laws.records
@@ -190,6 +204,7 @@ class Run:
         self.initial = status
         self.switches = Switches(system.contacts, self.rows, status)
         self.sizes: dict[float, Loaded] = {}
+        self._midpoints: dict[float, Midpoint] = {}
         chunk = self.path.chunk
         chunk.q[0], chunk.v[0], chunk.u[0], chunk.past[0] = q, v, u, laws.state
         self.kick, self.load = np.zeros(0), np.zeros(system.size)
@@ -199,7 +214,9 @@ class Run:
     def size(self, dt: float) -> Loaded:
         """Return the matrix of a step size in s, and its answers to loads."""
         if dt not in self.sizes:
-            size = self.system.cache.get("matrix of a step", (dt, self.scheme), lambda: self._size(dt), _MOST_FACTORED)
+            size = self.system.cache.get(
+                "matrix of a step", (dt, self.scheme, self.travel is None), lambda: self._size(dt), _MOST_FACTORED
+            )
             mass, stiffness = self.equations[:2]
             moved = self.vectors.copy()
             for answer in moved:
@@ -219,7 +236,7 @@ class Run:
         self.counters.factorizations += 1
         factored = factor(a, "the mass matrix" if self.scheme.explicit else "the matrix of a step")
         width = max(width, *(_spread(rows, j) for j in range(m))) if m else width
-        if m == 0:
+        if m == 0 or self.travel is not None:
             return Size(numbers, factored, None, None)
         if _band_pays(self.laws, self.system.size, width):
             return Size(numbers, factored, None, widen(a, width))
@@ -332,6 +349,14 @@ class Run:
             if self.scheme.mean and np.any(forcing.first):
                 shift = forcing.first @ known.shift
         chunk, size = path.steps(t.size), known.size
+        if self.travel is not None:
+            from vofem.integrators.stepping.travel import advance_travelling
+
+            self.taken, solves, self.driven = advance_travelling(
+                self.travel, self._midpoint(dt), self.equations.laws, np.append(t[0] - dt, t), force, shift,
+                path.chunk.a[max(path.filled - 1, 0)], chunk,
+            )  # fmt: skip
+            return -1 if self.taken < t.size else solves
         self.taken, solves = advance(
             self.equations, size.numbers, size.factored, size.compliance, size.band, self.dampers, pots,
             self._drift(np.append(t[0] - dt, t)), force, shift, path.chunk.a[max(path.filled - 1, 0)], chunk,
@@ -340,6 +365,14 @@ class Run:
         if self.callbacks is not None:
             self.callbacks.complain(dt)
         return -1 if self.taken < t.size else solves
+
+    def _midpoint(self, dt: float) -> Midpoint:
+        """Return the matrices of steps of a size in s where something travels."""
+        if dt not in self._midpoints:
+            from vofem.integrators.stepping.travel import midpoint
+
+            self._midpoints[dt] = midpoint(self.system, self.damping, self.order, dt)
+        return self._midpoints[dt]
 
     def _drift(self, times: Array) -> Array | None:
         """Return offsets of the laws' coordinates at times, m, and their rates, (2, n_times, n_laws); None if zero."""
@@ -376,7 +409,10 @@ class Run:
             acting = self._acting(forcing.means)
             along = q @ known.loads[:acting].T
             path.work[rows] = np.einsum("ke,ke->k", along[1:] - along[:-1], forcing.means[:, :acting])
-        if self.moving is not None:
+        if self.travel is not None:
+            # What drives a point along the beam, and what moves a stop, does work against its force.
+            path.work[rows] += self.driven[:count]
+        elif self.moving is not None:
             # What moves a stop does work against its force.
             contacts = slice(self.moving.weights.shape[0])
             force = reaction[:, contacts]
@@ -400,9 +436,10 @@ class Run:
                 else:
                     path.dissipated[rows] = power[1:] + power[:-1]
         if self.dampers:
-            damper = damper[:, : self.initial.size]
+            own = slice(self.initial.size) if self.travel is None else self.travel.dissipating
+            damper = damper[:, own]
             mean = 0.5 * (damper[1:] + damper[:-1]) if scheme.explicit else damper[1:]
-            path.dissipated[rows] += np.einsum("kj,kj->k", mean, way[:, : self.initial.size])
+            path.dissipated[rows] += np.einsum("kj,kj->k", mean, way[:, own])
         if self.past is not None:
             mine = slice(self.past.row, self.past.row + self.past.count)
             mean = 0.5 * (reaction[1:, mine] + reaction[:-1, mine]) if scheme.explicit else pots[1:, :, 0]
@@ -721,7 +758,7 @@ def _outcome(run: Run, out: Record, rows: IntArray) -> tuple[Array, Samples, Ene
     """Return times, states, energies and hysteretic springs at some of the stored times."""
     system = run.system
     samples = Samples(*(np.ascontiguousarray(part[rows].T[run.back]) for part in (out.q, out.v, out.a)))
-    strain, dissipated, springs = strain_energy(system, samples.q), out.dissipated[rows], None
+    strain, dissipated, springs = strain_energy(system, samples.q, out.times[rows]), out.dissipated[rows], None
     if system.recorded:
         force, energy, loss = out.histories[:, :, rows]
         springs = SpringSamples(force, energy, loss, out.past)

@@ -18,7 +18,7 @@ from vofem.files.whole import replacing, target
 from vofem.histories.impacts import window_of
 from vofem.histories.tables import points_of_interest
 from vofem.io.movies.mode_shapes import mode_snapshots
-from vofem.io.movies.views import HistoryView, PhaseView, SideView, SpaceView, View, side_view
+from vofem.io.movies.views import AxesView, SideView, SpaceView, View, side_view
 from vofem.io.movies.writing import SUFFIXES, check, true_rate, write
 from vofem.progress import Progress, TerminalBar
 from vofem.result import Result
@@ -196,8 +196,7 @@ def _of_runs(
             views.append(SpaceView(run, at, size, magnification))
         else:
             place = as_point("animate: point", point or points_of_interest(run.scene)[0])
-            made = HistoryView if view == "history" else PhaseView
-            views.append(made(run, place, at, (begin, end), size, title))
+            views.append(AxesView(run, place, at, (begin, end), size, title, view == "phase"))
     sides = [one for one in views if isinstance(one, SideView) and one.magnification is not None]
     if len(sides) > 1 and magnification is None:
         least = min(one.magnification for one in sides if one.magnification is not None)

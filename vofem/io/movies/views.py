@@ -93,82 +93,58 @@ class SpaceView:
             self._stage.plotter.close()
 
 
-class _AxesView:
-    """A view with axes: the whole motion of a point is drawn once, and for every frame its past and the present."""
+class AxesView:
+    """The motion of a point, drawn as it happens: the whole motion once, and for every frame its past and the present.
+
+    Displacement over time, with closed contacts of the scene shaded, or velocity over displacement (`phase`).
+    """
 
     def __init__(
-        self, result: Result, point: Point, times: Array, window: tuple[float, float], size: tuple[int, int], title: str
-    ) -> None:
+        self, result: Result, point: Point, times: Array, window: tuple[float, float], size: tuple[int, int],
+        title: str, phase: bool,
+    ) -> None:  # fmt: skip
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, layout="constrained", facecolor="white")
         self._canvas = FigureCanvasAgg(figure)
-        self.axes = figure.add_subplot()
-        self.axes.grid(color="#e3e5e9", linewidth=0.7)
-        self.axes.set_axisbelow(True)
+        self._axes = axes = figure.add_subplot()
+        axes.grid(color="#e3e5e9", linewidth=0.7)
+        axes.set_axisbelow(True)
         self._times, self._dense = times, _whole(result, window)
-        motion = result.displacement(point, self._dense)
-        factor, unit = length(float(np.max(np.abs(motion), initial=0.0)))
+        factor, unit = length(float(np.max(np.abs(result.displacement(point, self._dense)), initial=0.0)))
+
+        def curve(at: Array) -> Array:
+            u = result.displacement(point, at) / factor
+            return np.stack([u, result.velocity(point, at) / factor] if phase else [at, u])
+
         #: Abscissa and ordinate of the curve, at the times at which it is drawn, and at those of the frames.
-        self._path, self._now = (
-            self.curve(result, point, at, u, factor)
-            for at, u in ((self._dense, motion), (times, result.displacement(point, times)))
-        )
-        self.label(result, window, unit)
-        self.axes.plot(*self._path, color=_SHADE, linewidth=1.1)
-        self._line = self.axes.plot([], [], color=_LINE, linewidth=1.5, animated=True)[0]
-        self._dot = self.axes.plot([], [], "o", color=_DOT, markersize=8, animated=True)[0]
-        self.axes.set_title(title or point.describe(), fontsize=11)
-
-    def curve(self, result: Result, point: Point, times: Array, u: Array, factor: float) -> Array:
-        """Return the curve at some times, shape (2, n_times), from displacements in m and the factor of their unit."""
-        raise NotImplementedError
-
-    def label(self, result: Result, window: tuple[float, float], unit: str) -> None:
-        """Label the axes, and draw what lies behind the curve."""
-        raise NotImplementedError
+        self._path, self._now = curve(self._dense), curve(times)
+        if phase:
+            axes.set(xlabel=f"displacement [{unit}]", ylabel=f"velocity [{unit}/s]")
+        else:
+            for name in result.contacts:
+                for start, end in closed_intervals(result, name):
+                    if end >= window[0] and start <= window[1]:
+                        axes.axvspan(start, end, color=_DOT, alpha=0.12, linewidth=0)
+            axes.set(xlabel="time [s]", ylabel=f"displacement [{unit}]", xlim=window)
+        axes.plot(*self._path, color=_SHADE, linewidth=1.1)
+        self._line = axes.plot([], [], color=_LINE, linewidth=1.5, animated=True)[0]
+        self._dot = axes.plot([], [], "o", color=_DOT, markersize=8, animated=True)[0]
+        axes.set_title(title or point.describe(), fontsize=11)
 
     def frames(self) -> Iterator[Frame]:
         """Yield the pictures in order."""
         self._canvas.draw()
-        background = self._canvas.copy_from_bbox(self.axes.figure.bbox)
+        background = self._canvas.copy_from_bbox(self._axes.figure.bbox)
         for t, now in zip(self._times, self._now.T, strict=True):
             past = self._dense < t
             self._line.set_data(*(np.append(part[past], end) for part, end in zip(self._path, now, strict=True)))
             self._dot.set_data(now[:1], now[1:])
             self._canvas.restore_region(background)
-            self.axes.draw_artist(self._line)
-            self.axes.draw_artist(self._dot)
+            self._axes.draw_artist(self._line)
+            self._axes.draw_artist(self._dot)
             yield np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
-
-
-class HistoryView(_AxesView):
-    """The displacement of a point over time, drawn as it happens; shaded while a contact of the scene is closed."""
-
-    def curve(self, result: Result, point: Point, times: Array, u: Array, factor: float) -> Array:
-        """Return times and displacements."""
-        return np.stack([times, u / factor])
-
-    def label(self, result: Result, window: tuple[float, float], unit: str) -> None:
-        """Label the axes, and shade closed contacts."""
-        for name in result.contacts:
-            for start, end in closed_intervals(result, name):
-                if end >= window[0] and start <= window[1]:
-                    self.axes.axvspan(start, end, color=_DOT, alpha=0.12, linewidth=0)
-        self.axes.set(xlabel="time [s]", ylabel=f"displacement [{unit}]", xlim=window)
-
-
-class PhaseView(_AxesView):
-    """Velocity over displacement of a point, drawn as it happens."""
-
-    def curve(self, result: Result, point: Point, times: Array, u: Array, factor: float) -> Array:
-        """Return displacements and velocities."""
-        return np.stack([u, result.velocity(point, times)]) / factor
-
-    def label(self, result: Result, window: tuple[float, float], unit: str) -> None:
-        """Label the axes."""
-        self.axes.set(xlabel=f"displacement [{unit}]", ylabel=f"velocity [{unit}/s]")
 
 
 def _whole(result: Result, window: tuple[float, float]) -> Array:

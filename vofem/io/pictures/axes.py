@@ -13,7 +13,7 @@ import re
 import weakref
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, overload
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -101,16 +101,9 @@ class _Colors(Sequence[str]):
     def __len__(self) -> int:
         return len(_COLORS)
 
-    @overload
-    def __getitem__(self, index: int) -> str: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> list[str]: ...
-
-    def __getitem__(self, index: int | slice) -> str | list[str]:
+    def __getitem__(self, index: Any) -> Any:
         cycle = _cycle()
-        found = [cycle[(k + 1) % len(cycle)] for k in range(len(_COLORS))]
-        return found[index]
+        return [cycle[(k + 1) % len(cycle)] for k in range(len(_COLORS))][index]
 
 
 COLORS = _Colors()
@@ -143,7 +136,7 @@ class Canvas:
     ----------
     what : str
         The function that draws, for messages.
-    goal : Path, optional
+    path : path, optional
         The file.
     ax : axes, or several of them, optional
         The axes of the user, in the order of rows.
@@ -165,17 +158,17 @@ class Canvas:
     """
 
     def __init__(
-        self, what: str, goal: Path | None, ax: Any, size: tuple[float, float], rows: int = 1, columns: int = 1,
+        self, what: str, path: Where, ax: Any, size: tuple[float, float], rows: int = 1, columns: int = 1,
         **options: Any,
     ) -> None:  # fmt: skip
-        self._goal = goal
+        self._goal = goal_of(path)
         if ax is not None:
             self.grid = _given(what, ax, rows * columns).reshape(rows, columns)
             self.figure = self.grid[0, 0].figure
             return
         own_look = restyled()
         look: dict[str, Any] = {} if own_look else {"dpi": 140, "facecolor": "white"}
-        self.figure = _new_figure(goal, figsize=size, layout="constrained", **look)
+        self.figure = _new_figure(self._goal, figsize=size, layout="constrained", **look)
         _OWN.add(self.figure)
         self.grid = self.figure.subplots(rows, columns, squeeze=False, **options)
         if own_look:
@@ -213,7 +206,7 @@ def _given(what: str, ax: Any, count: int) -> Any:
 
 def panels(size: tuple[float, float], rows: int = 1, columns: int = 1, **options: Any) -> tuple[Any, Any]:
     """Return a new figure for a file, with its size in inches, and its axes, shape (rows, columns)."""
-    canvas = Canvas("panels", Path(), None, size, rows, columns, **options)
+    canvas = Canvas("panels", "panels.png", None, size, rows, columns, **options)
     return canvas.figure, canvas.grid
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError
-from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, figure, goal_of, ink, legend, plain, stroke
+from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, figure, ink, legend, plain, stroke
 from vofem.io.scene_file import point_named
 from vofem.studies.diagrams import Basins, BifurcationDiagram
 from vofem.studies.steady import Branch
@@ -57,7 +57,7 @@ def bifurcation(
     ArgumentError
         If the diagram has no such point.
     """
-    canvas = Canvas("bifurcation", goal_of(path), ax, (9.0, 5.2))
+    canvas = Canvas("bifurcation", path, ax, (9.0, 5.2))
     axes = canvas.grid[0, 0]
     size = float(np.clip(_AREA / diagram.values.size, 0.8, 3.5))
     for color, start in zip((COLORS[1], COLORS[0], COLORS[2]), diagram.samples, strict=False):
@@ -150,7 +150,7 @@ def basin_map(basins: Basins, path: Where = None, *, labels: tuple[str, str] | N
     names = [one.name for one in basins.attractors]
     colors = [*COLORS[: min(len(names), _MOST)], "#d7dade"]
     index = np.where(basins.index < 0, len(colors) - 1, np.minimum(basins.index, len(colors) - 1))
-    canvas = Canvas("basin_map", goal_of(path), ax, (7.4, 5.2))
+    canvas = Canvas("basin_map", path, ax, (7.4, 5.2))
     axes = canvas.grid[0, 0]
     norm = BoundaryNorm(np.arange(len(colors) + 1) - 0.5, len(colors))
     axes.grid(False)

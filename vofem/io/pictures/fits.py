@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from vofem.fitting import Fit
-from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, goal_of, ink, plain, stroke, text_size
+from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, ink, plain, stroke, text_size
 
 
 @figure
@@ -20,7 +20,7 @@ def fit(result: Fit, path: Where = None, *, ax: Any = None) -> Any:
         default a new figure is made.
     """
     count = len(result.data)
-    canvas = Canvas("fit", goal_of(path), ax, (6.0 + 2.0 * count, 5.6), rows=2, columns=count)
+    canvas = Canvas("fit", path, ax, (6.0 + 2.0 * count, 5.6), rows=2, columns=count)
     row, shift = 0, 0
     for k, one in enumerate(result.data):
         used = one.used(result.until)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from vofem.bodies.base import Point
 from vofem.effects import Contact, RigidStop
 from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
-from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, goal_of, ink, legend, plain, stroke, text_size
+from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, ink, legend, plain, stroke, text_size
 from vofem.io.pictures.envelope import envelope_of
 from vofem.io.pictures.places import all_contacts
 from vofem.io.pictures.units import length, prefixed
@@ -30,31 +29,6 @@ _CROSSINGS = 300
 
 #: Crossings in each part of an envelope, and fewest and most parts of a window.
 _CROSSINGS_EACH, _FEWEST, _PARTS = 6, 20, 400
-
-
-@dataclass(frozen=True)
-class _ContactView:
-    """A contact of a run: stiffness K0, closed times (k, 2), and over time where it closes and K_eq, or None."""
-
-    name: str
-    stiffness: float
-    unit: str
-    closed: Array
-    surface: Array | None
-    k_eq: Array | None
-
-
-@dataclass(frozen=True)
-class _RunView:
-    """The part of a run that is drawn: times (n_times,), motion (n_points, n_times), and parts of its envelope or 0."""
-
-    title: str
-    labels: tuple[str, ...]
-    contacts: tuple[_ContactView, ...]
-    window: tuple[float, float]
-    times: Array
-    motion: Array
-    parts: int
 
 
 @figure
@@ -103,17 +77,17 @@ def time_history(
     # K_eq is drawn below the displacements, unless the user gave no axes for it.
     below = any(contacts) and (ax is None or np.size(np.asarray(ax, dtype=object)) > count)
     views = [
-        _view(title, run, points, own, window, envelope, below)
+        _Run(title, run, points, own, window, envelope)
         for (title, run), own in zip(runs.items(), contacts, strict=True)
     ]
     scale = length(max(float(np.max(np.abs(view.motion))) for view in views))
     size = (10.0 if count == 1 else 2.0 + 4.4 * count, 6.4 if below else 4.2)
     heights = (2.2, 1.0) if below else (1.0,)
-    canvas = Canvas("time_history", goal_of(path), ax, size, len(heights), count, sharex="col", height_ratios=heights)
+    canvas = Canvas("time_history", path, ax, size, len(heights), count, sharex="col", height_ratios=heights)
     grid = canvas.grid
     if ax is None:
         _share(grid[0])
-    stiffest = [max((contact.stiffness for contact in view.contacts), default=0.0) for view in views]
+    stiffest = [max(view.stiffness, default=0.0) for view in views]
     # Beside a stop more than ten times as stiff another one would be a line along the axis.
     alike = max(stiffest) <= 10.0 * min(filter(None, stiffest), default=0.0)
     if below and alike:
@@ -121,11 +95,11 @@ def time_history(
             _share(grid[1])
         stiffest = [max(stiffest)] * count
     for view, column, most in zip(views, grid.T, stiffest, strict=True):
-        _draw_motion(view, scale, column)
+        view.draw_motion(column, scale[0])
         if below:
-            (_draw_shares if view.parts else _draw_stiffness)(view, most, column[1])
+            (view.draw_shares if view.parts else view.draw_stiffness)(column[1], most)
             if not alike or column[1] is grid[1, 0]:
-                label = "closed share [-]" if view.parts else rf"$K_\mathrm{{eq}}$ [{_unit(view, most)}]"
+                label = "closed share [-]" if view.parts else rf"$K_\mathrm{{eq}}$ [{view.unit(most)}]"
                 column[1].set_ylabel(label)
         column[0].set_title(plain(view.title), fontsize=text_size(11))
         column[-1].set_xlabel("time [s]")
@@ -136,40 +110,95 @@ def time_history(
     return canvas
 
 
-def _view(
-    title: str,
-    run: Result,
-    points: list[Point],
-    contacts: list[Contact | RigidStop],
-    window: Any,
-    envelope: bool | None,
-    below: bool,
-) -> _RunView:
-    begin, end = window_of("time_history", window, _end(run))
-    times = _times(run, contacts, begin, end)
-    motion = np.array([run.displacement(point, times) for point in points])
-    crossings = int(np.count_nonzero(np.diff(motion[0] > motion[0].mean())))
-    enveloped = crossings > _CROSSINGS if envelope is None else bool(envelope)
-    # Each part holds a few periods: in shorter ones the envelope would go up and down with the motion.
-    parts = int(np.clip(crossings // _CROSSINGS_EACH, _FEWEST, _PARTS)) if enveloped else 0
-    laws = run.model.system.contacts
-    samples = run.solution.contacts(times).stiffness if laws is not None and below and not enveloped else None
-    shown = []
-    for item in contacts:
-        assert laws is not None
-        law = laws.names.index(item.name)
-        shown.append(
-            _ContactView(
-                name=item.name,
-                stiffness=float(laws.stiffness[law]),
-                unit=item.units.stiffness,
-                closed=np.array(closed_intervals(run, item.name)).reshape(-1, 2),
-                surface=_surface(run, item, points, times, enveloped),
-                k_eq=None if samples is None else samples[law],
-            )
-        )
-    labels = tuple(point.describe() for point in points)
-    return _RunView(title, labels, tuple(shown), (begin, end), times, motion, parts)
+class _Run:
+    """The part of a run that is drawn: times (n_times,), motion (n_points, n_times), and parts of its envelope or 0."""
+
+    def __init__(
+        self,
+        title: str,
+        run: Result,
+        points: list[Point],
+        contacts: list[Contact | RigidStop],
+        window: Any,
+        envelope: bool | None,
+    ) -> None:
+        self.title, self._run, self._points, self.contacts = title, run, points, contacts
+        self.window = window_of("time_history", window, _end(run))
+        self.times = _times(run, contacts, *self.window)
+        self.motion = np.array([run.displacement(point, self.times) for point in points])
+        crossings = int(np.count_nonzero(np.diff(self.motion[0] > self.motion[0].mean())))
+        enveloped = crossings > _CROSSINGS if envelope is None else bool(envelope)
+        # Each part holds a few periods: in shorter ones the envelope would go up and down with the motion.
+        self.parts = int(np.clip(crossings // _CROSSINGS_EACH, _FEWEST, _PARTS)) if enveloped else 0
+        laws = run.model.system.contacts
+        self._laws = [] if laws is None else [laws.names.index(contact.name) for contact in contacts]
+        self.stiffness = [] if laws is None else laws.stiffness[self._laws].tolist()
+
+    def unit(self, most: float) -> str:
+        """Return the unit of K_eq with its prefix; both where some contacts act on rotations."""
+        units = dict.fromkeys(contact.units.stiffness for contact in self.contacts) or {"N/m": None}
+        return ", ".join(prefixed(most, unit)[1] for unit in units)
+
+    def _closed(self, contact: Contact | RigidStop) -> Array:
+        """Return the times in s between which a contact is closed, shape (k, 2)."""
+        return np.array(closed_intervals(self._run, contact.name)).reshape(-1, 2)
+
+    def draw_motion(self, column: Array, factor: float) -> None:
+        """Draw displacements over `factor` into the first axes, and shade all of them where a contact is closed."""
+        upper = column[0]
+        for k, point in enumerate(self._points):
+            label = {} if len(self._points) == 1 else {"label": point.describe()}
+            color = ink() if k == 0 else COLORS[k % len(COLORS)]
+            if self.parts:
+                middle, low, high = envelope_of(self.times, self.motion[k] / factor, self.window, self.parts)
+                upper.fill_between(middle, low, high, color=color, alpha=0.4, linewidth=stroke(0.8), **label)
+            else:
+                upper.plot(self.times, self.motion[k] / factor, color=color, linewidth=stroke(1.3), **label)
+        # Intervals of several contacts lie on each other.
+        shade = 0.14 / max(1, len(self.contacts)) ** 0.7
+        for index, contact in enumerate(self.contacts):
+            color = self._color(index)
+            surface = _surface(self._run, contact, self._points, self.times, bool(self.parts))
+            if surface is not None:
+                name, line = f"{contact.name} closes", {"linewidth": stroke(1.0), "linestyle": "--"}
+                upper.plot(self.times, surface / factor, color=color, label=name, **line)
+            for start, end in () if self.parts else self._closed(contact).tolist():
+                if end >= self.window[0] and start <= self.window[1]:
+                    for axes in column:
+                        axes.axvspan(start, end, color=color, alpha=shade, linewidth=0)
+
+    def draw_shares(self, axes: Any, most: float) -> None:
+        """Draw the share of time in which contacts are closed, part by part of the window."""
+        edges = np.linspace(*self.window, self.parts + 1)
+        for index, contact in enumerate(self.contacts):
+            start, end = self._closed(contact).T
+            # Closed time before each edge: whole intervals, and what has passed of the present one.
+            total = np.array([np.sum(np.clip(np.minimum(end, edge) - start, 0.0, None)) for edge in edges])
+            share = np.diff(total) / np.diff(edges)
+            axes.stairs(share, edges, color=self._color(index), linewidth=stroke(1.2), label=contact.name)
+        axes.set_ylim(0.0, 1.05)
+
+    def draw_stiffness(self, axes: Any, most: float) -> None:
+        """Draw K_eq of contacts, in the unit of the stiffest."""
+        if not self.contacts:
+            return
+        factor, _ = prefixed(most, "N/m")
+        stiffness = self._run.solution.contacts(self.times).stiffness[self._laws]
+        for index, (contact, values) in enumerate(zip(self.contacts, stiffness, strict=True)):
+            line = {"drawstyle": "steps-post", "linewidth": stroke(1.4)}
+            axes.plot(self.times, values / factor, color=self._color(index), label=contact.name, **line)
+        axes.set_ylim(0.0, 1.1 * most / factor)
+
+    def _color(self, index: int) -> str:
+        """Return the colour of a contact: it differs from the colours of points."""
+        return COLORS[0] if index == 0 else COLORS[(index + len(self._points) - 1) % len(COLORS)]
+
+
+def _share(row: Array) -> None:
+    """Give all axes of a row the same scale, labelled at the first one."""
+    for axes in row[1:]:
+        axes.sharey(row[0])
+        axes.tick_params(labelleft=False)
 
 
 def _contacts(result: Result, points: list[Point], wanted: Any) -> list[Contact | RigidStop]:
@@ -246,72 +275,3 @@ def closed_intervals(result: Result, contact: str) -> list[tuple[float, float]]:
     history = result.contacts[contact]
     openings = np.append(history.openings, result.times[-1])
     return [(float(start), float(end)) for start, end in zip(history.closings, openings, strict=False)]
-
-
-# -- drawing ----------------------------------------------------------------------------------------
-
-
-def _unit(view: _RunView, most: float) -> str:
-    """Return the unit of K_eq with its prefix; both where some contacts act on rotations."""
-    units = dict.fromkeys(contact.unit for contact in view.contacts) or {"N/m": None}
-    return ", ".join(prefixed(most, unit)[1] for unit in units)
-
-
-def _draw_motion(view: _RunView, scale: tuple[float, str], column: Array) -> None:
-    """Draw displacements into the first axes, and shade all of them where a contact is closed."""
-    upper, factor = column[0], scale[0]
-    for k, name in enumerate(view.labels):
-        label = {} if len(view.labels) == 1 else {"label": name}
-        color = ink() if k == 0 else COLORS[k % len(COLORS)]
-        if view.parts:
-            middle, low, high = envelope_of(view.times, view.motion[k] / factor, view.window, view.parts)
-            upper.fill_between(middle, low, high, color=color, alpha=0.4, linewidth=stroke(0.8), **label)
-        else:
-            upper.plot(view.times, view.motion[k] / factor, color=color, linewidth=stroke(1.3), **label)
-    # Intervals of several contacts lie on each other.
-    shade = 0.14 / max(1, len(view.contacts)) ** 0.7
-    for index, item in enumerate(view.contacts):
-        color = _color(index, view)
-        if item.surface is not None:
-            name, line = f"{item.name} closes", {"linewidth": stroke(1.0), "linestyle": "--"}
-            upper.plot(view.times, item.surface / factor, color=color, label=name, **line)
-        if not view.parts:
-            for start, end in item.closed.tolist():
-                if end >= view.window[0] and start <= view.window[1]:
-                    for axes in column:
-                        axes.axvspan(start, end, color=color, alpha=shade, linewidth=0)
-
-
-def _draw_shares(view: _RunView, most: float, axes: Any) -> None:
-    """Draw the share of time in which contacts are closed, part by part of the window."""
-    edges = np.linspace(*view.window, view.parts + 1)
-    for index, contact in enumerate(view.contacts):
-        start, end = contact.closed.T
-        # Closed time before each edge: whole intervals, and what has passed of the present one.
-        total = np.array([np.sum(np.clip(np.minimum(end, edge) - start, 0.0, None)) for edge in edges])
-        share = np.diff(total) / np.diff(edges)
-        axes.stairs(share, edges, color=_color(index, view), linewidth=stroke(1.2), label=contact.name)
-    axes.set_ylim(0.0, 1.05)
-
-
-def _share(row: Array) -> None:
-    """Give all axes of a row the same scale, labelled at the first one."""
-    for axes in row[1:]:
-        axes.sharey(row[0])
-        axes.tick_params(labelleft=False)
-
-
-def _draw_stiffness(view: _RunView, most: float, axes: Any) -> None:
-    """Draw K_eq of contacts, in the unit of the stiffest."""
-    factor, _ = prefixed(most, "N/m")
-    for index, contact in enumerate(view.contacts):
-        if contact.k_eq is not None:
-            line = {"drawstyle": "steps-post", "linewidth": stroke(1.4)}
-            axes.plot(view.times, contact.k_eq / factor, color=_color(index, view), label=contact.name, **line)
-    if view.contacts:
-        axes.set_ylim(0.0, 1.1 * most / factor)
-
-
-def _color(index: int, view: _RunView) -> str:
-    """Return the colour of a contact: it differs from the colours of points."""
-    return COLORS[0] if index == 0 else COLORS[(index + len(view.labels) - 1) % len(COLORS)]

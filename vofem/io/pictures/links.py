@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vofem.bodies.base import Point
+from vofem.bodies.base import Body, Point
 from vofem.io.pictures import shapes
 from vofem.io.pictures.arrows import add_gap
 from vofem.io.pictures.drawing import CLOSED, CLOSED_TEXT, GROUND, OPEN, OPEN_TEXT, SPRING, Drawing, Label
@@ -37,6 +37,10 @@ _DIMENSIONS, _NARROW = 4, 12.0
 def _element(link: Link) -> Callable[..., None]:
     """Return the function that draws a link."""
     return shapes.damper if link.status == "damper" else shapes.spring
+
+
+#: The place along the picture of stops by their number among the links, and of ground springs by their mass, pixels.
+Slots = dict[int | Body, float]
 
 
 @dataclass(frozen=True)
@@ -73,24 +77,22 @@ def add_links(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
     _labels(drawing, layout, wanted)
 
 
-def _slots(view: Snapshot, layout: Layout) -> tuple[dict[int, float], float]:
+def _slots(view: Snapshot, layout: Layout) -> tuple[Slots, float]:
     """Return the position of each stop along the picture, and the smallest spacing.
 
     Stops at one place stand side by side.
-
-    The ground spring of the mass in lane i has the key ``-1 - i``.
     """
-    groups: dict[tuple[int, str], list[tuple[int, float]]] = {}
+    groups: dict[tuple[int, str], list[tuple[int | Body, float]]] = {}
     for i, (body, lane) in enumerate(layout.lanes.items()):
         side = side_of_ground(i, len(layout.lanes))
         if getattr(body, "stiffness", 0.0) and side != "aside":
-            groups.setdefault((id(lane), side), []).append((-1 - i, float(layout.along(body, 0.0))))
+            groups.setdefault((id(lane), side), []).append((body, float(layout.along(body, 0.0))))
     for index, link in enumerate(view.links):
         if link.b is None and not link.rotation and moves_across(link.a.body):
             at = float(layout.along(link.a.body, link.a.x))
             groups.setdefault((id(layout.lanes[link.a.body]), link.side), []).append((index, at))
     pitch = 60.0 * layout.unit
-    slots: dict[int, float] = {}
+    slots: Slots = {}
     spacing = np.inf
     ends = {
         id(lane): tuple(float(layout.along(body, x)) for x in (lane.state.x[0], lane.state.x[-1]))
@@ -105,8 +107,8 @@ def _slots(view: Snapshot, layout: Layout) -> tuple[dict[int, float], float]:
             left, right = ends[key[0]]
             # At the end of a beam they stand beside each other under it, not beyond it.
             middle = float(np.clip(x, left + extent, right - extent)) if right - left > 2.0 * extent else x
-            for k, (index, _) in enumerate(same):
-                slots[index] = middle - extent + k * pitch
+            for k, (member, _) in enumerate(same):
+                slots[member] = middle - extent + k * pitch
         used = np.sort([slots[index] for index, _ in members])
         spacing = min(spacing, float(np.min(np.diff(used), initial=np.inf)))
     return slots, spacing
@@ -143,7 +145,7 @@ def _stop(
     return x, 0.5 * (pad + ground)
 
 
-def _dimensions(drawing: Drawing, view: Snapshot, layout: Layout, slots: dict[int, float], half: float) -> None:
+def _dimensions(drawing: Drawing, view: Snapshot, layout: Layout, slots: Slots, half: float) -> None:
     """Add the sizes of the gaps of open stops, where there are few of them and they are wide enough to be seen."""
     stops = [
         (slots[index], link)
@@ -229,11 +231,11 @@ def _between(drawing: Drawing, layout: Layout, link: Link, half: float) -> tuple
     return 0.5 * (low.x + high.x), 0.5 * (at + high.now)
 
 
-def _ground_springs(drawing: Drawing, layout: Layout, slots: dict[int, float], half: float) -> None:
-    for i, lane in enumerate(layout.lanes.values()):
-        if -1 - i not in slots:
+def _ground_springs(drawing: Drawing, layout: Layout, slots: Slots, half: float) -> None:
+    for i, (body, lane) in enumerate(layout.lanes.items()):
+        if body not in slots:
             continue
-        x, y = slots[-1 - i], lane.axis + float(lane.state.eta[0]) * layout.motion
+        x, y = slots[body], lane.axis + float(lane.state.eta[0]) * layout.motion
         hangs = side_of_ground(i, len(layout.lanes)) == "above"
         ground = lane.ceiling if hangs else lane.floor
         assert ground is not None

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import choice
-from vofem.io.pictures.axes import Canvas, Where, figure, goal_of, ink, plain, text_size
+from vofem.io.pictures.axes import Canvas, Where, figure, ink, plain, text_size
 from vofem.studies.diagrams import StabilityMap
 
 _LABELS = {"amplitude": "amplitude [m]", "multiplier": "modulus of the leading multiplier [1]"}
@@ -43,7 +43,7 @@ def state_map(
 
     choice("state_map: quantity", quantity, tuple(_LABELS))
     values = found.amplitude if quantity == "amplitude" else np.abs(found.multiplier)
-    canvas = Canvas("state_map", goal_of(path), ax, (7.8, 5.2))
+    canvas = Canvas("state_map", path, ax, (7.8, 5.2))
     axes = canvas.grid[0, 0]
     axes.grid(False)
     # Grey shows where no orbit was found.

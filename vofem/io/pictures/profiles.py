@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem.bodies import Beam
 from vofem.errors import ArgumentError
-from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, goal_of, ink, legend, plain, stroke, text_size
+from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, ink, legend, plain, stroke, text_size
 from vofem.io.pictures.places import Place, along_beam, one_beam
 from vofem.io.pictures.units import length
 from vofem.result import Result
@@ -72,7 +72,7 @@ def shapes(
     drawn = {title: _Shapes(run, at, scene, body) for title, run in runs.items()}
     factor, unit = length(max(float(np.max(np.abs(shape.eta))) for shape in drawn.values()))
     width = 9.0 if len(runs) == 1 else 2.0 + 4.6 * len(runs)
-    canvas = Canvas("shapes", goal_of(path), ax, (width, 4.6), 1, len(runs), sharey=True)
+    canvas = Canvas("shapes", path, ax, (width, 4.6), 1, len(runs), sharey=True)
     grid = canvas.grid
     for axes, (title, shape) in zip(grid[0], drawn.items(), strict=True):
         shape.draw(axes, factor, others.get(title))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vofem.bodies import Beam
 from vofem.bodies.base import Point
+from vofem.bodies.path import place_at
 from vofem.effects import DistributedLoad, Gravity, PointLoad, PointMoment
 from vofem.errors import VofemError
 from vofem.scene import Scene
@@ -55,12 +56,13 @@ def pushes(scene: Scene, times: Array, run: Array) -> list[tuple[Push, ...]]:
         except VofemError:
             continue
         for k, push in enumerate(parts):
-            found[k].append(push)
+            if push is not None:
+                found[k].append(push)
     return [tuple(some) for some in found]
 
 
-def _of(effect: Any, times: Array, run: Array) -> list[Push]:
-    """Return the loads of an effect at some times; nothing if it is not a load."""
+def _of(effect: Any, times: Array, run: Array) -> list[Push | None]:
+    """Return the loads of an effect at some times, None where they are not on the beam; nothing if it is no load."""
     if isinstance(effect, Gravity):
         return [Push("weight", (), np.array([effect.g]), abs(effect.g)) for _ in times]
     if not isinstance(effect, (PointLoad, PointMoment, DistributedLoad)):
@@ -75,4 +77,8 @@ def _of(effect: Any, times: Array, run: Array) -> list[Push]:
         points = tuple(beam.at(float(place)) for place in x)
         return [Push("line", points, p * value, most * float(np.max(np.abs(p), initial=0.0))) for value in now]
     kind = "moment" if isinstance(effect, PointMoment) else "force"
-    return [Push(kind, (effect.point,), np.array([value]), most) for value in now]
+    places = [place_at(effect.point, t) for t in times.tolist()]
+    return [
+        None if place is None else Push(kind, (place,), np.array([value]), most)
+        for place, value in zip(places, now, strict=True)
+    ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from vofem._validate import number
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Point
+from vofem.bodies.path import place_at
 from vofem.effects import (
     CrushingStop,
     Foundation,
@@ -171,12 +172,13 @@ def snapshots(result: Result, times: Array) -> list[Snapshot]:
     """
     bodies = [_in_motion(result, body, times) for body in result.scene.bodies]
     contacts, peak = _contact_states(result, times)
-    scene, joints, weights = result.scene, _joints(result.scene), _weights(result.scene)
+    scene, joints = result.scene, _joints(result.scene)
     loads = pushes(scene, result.t_start + times, result.t_start + _times_of_range(result))
     return [
         Snapshot(
-            float(t), tuple(states[k] for states in bodies), _links(scene, contacts[k] | _crushed(result, float(t))),
-            joints, peak, "", loads[k], weights,
+            float(t), tuple(states[k] for states in bodies),
+            _links(scene, contacts[k] | _crushed(result, float(t)), result.t_start + float(t)), joints, peak, "",
+            loads[k], _weights(scene, result.t_start + float(t)),
         )
         for k, t in enumerate(times)
     ]  # fmt: skip
@@ -206,8 +208,9 @@ def at_rest(scene: Scene) -> Snapshot:
     )
 
 
-def _weights(scene: Scene) -> tuple[Point, ...]:
-    return tuple(effect.point for effect in scene.effects if isinstance(effect, PointMass))
+def _weights(scene: Scene, t: float = 0.0) -> tuple[Point, ...]:
+    points = (place_at(effect.point, t) for effect in scene.effects if isinstance(effect, PointMass))
+    return tuple(point for point in points if point is not None)
 
 
 def _crushed(result: Result, t: float) -> dict[str, tuple[str, float]]:
@@ -240,46 +243,37 @@ def _contact_states(result: Result, times: Array) -> tuple[list[dict[str, tuple[
     return states, float(np.max(np.abs(samples.force), initial=0.0))
 
 
-def _links(scene: Scene, states: dict[str, tuple[str, float]]) -> tuple[Link, ...]:
-    contacts = [
-        Link(
-            c.name, c.a, c.b, c.side or "below", 0.0 if c.of == "rotation" else c.gap, *states[c.name],
-            c.of == "rotation",
-        )
-        for c in scene.contacts
-    ]  # fmt: skip
-    springs = [
-        Link("", s.a, s.b, "below", 0.0, s.symbol, 0.0, s.of == "rotation")
-        for s in scene.effects
-        if isinstance(s, TwoPoints) and s.symbol in ("spring", "damper")
+def _links(scene: Scene, states: dict[str, tuple[str, float]], t: float = 0.0) -> tuple[Link, ...]:
+    """Return contacts with their status and force, springs and dashpots; what travels is where it is at t in s."""
+    stops = [*scene.contacts, *(effect for effect in scene.effects if isinstance(effect, CrushingStop))]
+    links = []
+    for s in stops:
+        turns = s.of == "rotation"
+        status = states.get(s.name, ("open", 0.0))
+        links.append(Link(s.name, s.a, s.b, s.side or "below", 0.0 if turns else s.gap, *status, turns))
+    beds = [effect for effect in scene.effects if isinstance(effect, Foundation)]
+    links += [
+        Link(name, bed.beam.at(float(x)), None, "below", bed.gap, *states[name])
+        for bed in beds
+        if bed.one_sided
+        for node, x in enumerate(bed.beam.nodes)
+        if (name := f"{bed.name}[{node}]") in states
     ]
-    contacts += [
-        Link(
-            s.name, s.a, s.b, s.side or "below", 0.0 if s.of == "rotation" else s.gap,
-            *states.get(s.name, ("open", 0.0)), s.of == "rotation",
-        )
-        for s in scene.effects
-        if isinstance(s, CrushingStop)
-    ]  # fmt: skip
-    springs += [
-        Link("", s.point, s.other, "below", 0.0, "spring", 0.0, True)
-        for s in scene.effects
-        if isinstance(s, RotationalSpring)
-    ]
-    beds = [
-        Link(name, f.beam.at(float(x)), None, "below", f.gap, *states[name])
-        for f in scene.effects
-        if isinstance(f, Foundation) and f.one_sided
-        for node, x in enumerate(f.beam.nodes)
-        if (name := f"{f.name}[{node}]") in states
-    ]
-    for bed in scene.effects:
-        if isinstance(bed, Foundation) and not bed.one_sided:
+    for effect in scene.effects:
+        if isinstance(effect, TwoPoints) and effect.symbol in ("spring", "damper"):
+            links.append(Link("", effect.a, effect.b, "below", 0.0, effect.symbol, 0.0, effect.of == "rotation"))
+        elif isinstance(effect, RotationalSpring):
+            links.append(Link("", effect.point, effect.other, "below", 0.0, "spring", 0.0, True))
+    for bed in beds:
+        if not bed.one_sided:
             nodes, held = bed.beam.nodes, [bed.beam.nodes[node] for node in bed.beam.supports]
             places = np.linspace(nodes[0], nodes[-1], min(nodes.size, _BED))
             points = [bed.beam.at(float(x)) for x in places if not np.any(np.isclose(x, held))]
-            springs += [Link("", point, None, "below", 0.0, "spring", 0.0) for point in points]
-    return (*contacts, *beds, *springs)
+            links += [Link("", point, None, "below", 0.0, "spring", 0.0) for point in points]
+    placed = [replace(link, a=place_at(link.a, t), b=place_at(link.b, t)) for link in links]
+    return tuple(
+        new for new, old in zip(placed, links, strict=True) if new.a is not None and (new.b is None) is (old.b is None)
+    )
 
 
 def _at_rest(outcome: Equilibrium, body: Body) -> BodyState:

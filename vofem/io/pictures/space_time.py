@@ -9,7 +9,7 @@ import numpy as np
 from vofem.bodies import Beam
 from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
-from vofem.io.pictures.axes import Canvas, Where, figure, goal_of, ink, stroke, text_size
+from vofem.io.pictures.axes import Canvas, Where, figure, ink, stroke, text_size
 from vofem.io.pictures.histories import closed_intervals
 from vofem.io.pictures.layout import is_line
 from vofem.io.pictures.places import along_beam, between_masses, one_line
@@ -69,7 +69,7 @@ def space_time(
     peak = float(np.max(np.abs(eta)))
     bound = min(peak, 3.0 * float(np.sqrt(np.mean(eta**2))))
     factor, unit = length(bound)
-    canvas = Canvas("space_time", goal_of(path), ax, (10.0, 5.2))
+    canvas = Canvas("space_time", path, ax, (10.0, 5.2))
     axes = canvas.grid[0, 0]
     axes.grid(False)
     limit = bound / factor or 1.0

@@ -11,7 +11,7 @@ from vofem._validate import choice, number
 from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
-from vofem.io.pictures.axes import Canvas, Where, figure, goal_of, ink, plain, stroke, text_size
+from vofem.io.pictures.axes import Canvas, Where, figure, ink, plain, stroke, text_size
 from vofem.result import Result
 
 Array = NDArray[np.float64]
@@ -77,7 +77,7 @@ def spectrum(
         limit = number("spectrum: limit", limit, positive=True)
     times, step = uniform_times(result, window)
     values = np.asarray(getattr(result, quantity)(place, times))
-    canvas = Canvas("spectrum", goal_of(path), ax, (8.0, 4.8))
+    canvas = Canvas("spectrum", path, ax, (8.0, 4.8))
     axes, unit = canvas.grid[0, 0], _UNITS[quantity]
     if kind == "spectrogram":
         _spectrogram(canvas, times, step, values, unit if unit == "m" else f"({unit})", limit)

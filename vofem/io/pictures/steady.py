@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
-from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, goal_of, ink, legend, plain, stroke, text_size
+from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, ink, legend, plain, stroke, text_size
 from vofem.io.pictures.units import length
 from vofem.studies.steady import Branch, Locus, PeriodicOrbit, PoincareSection
 
@@ -78,7 +78,7 @@ def response_curve(
     heights = [one.amplitude(place) for one in branches]
     marked = [[(s, s.orbit.amplitude(place)) for s in one.special] for one in branches]
     scale = length(float(max(part.max() for part in heights)))
-    canvas = Canvas("response_curve", goal_of(path), ax, (9.0, 5.4))
+    canvas = Canvas("response_curve", path, ax, (9.0, 5.4))
     axes = canvas.grid[0, 0]
     for k, (one, amplitude) in enumerate(zip(branches, heights, strict=True)):
         color = ink() if k == 0 else COLORS[(k - 1) % len(COLORS)]
@@ -131,7 +131,7 @@ def locus(
     loci = [curves] if isinstance(curves, Locus) else list(curves)
     if not loci or not all(isinstance(one, Locus) for one in loci):
         raise ArgumentError("locus: expected one or more loci, such as vf.locus returns")
-    canvas = Canvas("locus", goal_of(path), ax, (9.0, 5.4))
+    canvas = Canvas("locus", path, ax, (9.0, 5.4))
     axes = canvas.grid[0, 0]
     for one in loci:
         _, number, name = MARKS[one.kind]
@@ -181,7 +181,7 @@ def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: W
         raise ArgumentError(
             "multipliers: the multipliers of an orbit are not known, because a law has a memory; its notes name the law"
         )
-    canvas = Canvas("multipliers", goal_of(path), ax, (6.4, 5.6))
+    canvas = Canvas("multipliers", path, ax, (6.4, 5.6))
     axes = canvas.grid[0, 0]
     turn = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 361))
     axes.fill(turn.real, turn.imag, color="#eef1f6", linewidth=stroke(0.0), zorder=0)
@@ -234,7 +234,7 @@ def phase_portrait(
         raise ArgumentError(
             f"phase_portrait: orbit is {orbit!r}, expected what vf.periodic returns, or several of these"
         )
-    canvas = Canvas("phase_portrait", goal_of(path), ax, (7.6, 5.4))
+    canvas = Canvas("phase_portrait", path, ax, (7.6, 5.4))
     axes = canvas.grid[0, 0]
     drawn = []
     for one in orbits:
@@ -293,7 +293,7 @@ def poincare_section(section: PoincareSection, point: Any, path: Where = None, *
     place = as_point("poincare_section: point", point)
     u, v = section.displacement(place), section.velocity(place)
     scale = length(float(np.abs(u).max()))
-    canvas = Canvas("poincare_section", goal_of(path), ax, (6.8, 5.4))
+    canvas = Canvas("poincare_section", path, ax, (6.8, 5.4))
     axes = canvas.grid[0, 0]
     axes.plot(u / scale[0], v / scale[0], ".", color=ink(), markersize=3.0 if len(section) > 200 else 6.0)
     axes.set(xlabel=f"displacement [{scale[1]}]", ylabel=f"velocity [{scale[1]}/s]")
@@ -320,7 +320,7 @@ def backbone_curve(branch: Branch | Sequence[Branch], path: Where = None, *, ax:
     branches = [branch] if isinstance(branch, Branch) else list(branch)
     if not branches or not all(isinstance(one, Branch) for one in branches):
         raise ArgumentError("backbone_curve: expected one or more branches, as vf.backbone returns")
-    canvas = Canvas("backbone_curve", goal_of(path), ax, (7.6, 5.2))
+    canvas = Canvas("backbone_curve", path, ax, (7.6, 5.2))
     axes = canvas.grid[0, 0]
     for k, one in enumerate(branches):
         color = ink() if k == 0 else COLORS[(k - 1) % len(COLORS)]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vofem.errors import ArgumentError
-from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, goal_of, plain, stroke
+from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, plain, stroke
 from vofem.studies.sweep import Sweep
 
 #: Width and height of one panel, inches.
@@ -61,7 +61,7 @@ def sweep_curves(
     chosen = [name for name in names or sweep if sweep[name].ndim == dimensions and sweep[name].dtype.kind in "biuf"]
     if not chosen:
         raise ArgumentError(f"sweep_curves: {sweep!r} has no quantity that is one number a point")
-    canvas = Canvas("sweep_curves", goal_of(path), ax, (_PANEL[0], _PANEL[1] * len(chosen)), len(chosen), 1)
+    canvas = Canvas("sweep_curves", path, ax, (_PANEL[0], _PANEL[1] * len(chosen)), len(chosen), 1)
     for axes, name in zip(canvas.grid[:, 0], chosen, strict=True):
         (_curve if dimensions == 1 else _map)(canvas.figure, axes, sweep, name, units or {})
     return canvas

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vofem.integrators.registry import method_named
-from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, figure, goal_of, ink, plain, stroke, text_size
+from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, figure, ink, plain, stroke, text_size
 from vofem.studies.accuracy import Study
 from vofem.studies.accuracy.study import Setting
 
@@ -30,7 +30,7 @@ def work_precision(study: Study, path: Where = None, title: str = "", *, ax: Any
     ax : two matplotlib axes, optional
         The axes to draw into. By default a new figure is made.
     """
-    canvas = Canvas("work_precision", goal_of(path), ax, (11.0, 5.2), 1, 2, sharey=True)
+    canvas = Canvas("work_precision", path, ax, (11.0, 5.2), 1, 2, sharey=True)
     figure, grid = canvas.figure, canvas.grid
     meshes = sorted({run.setting.elements for run in study.runs})
     methods = list(dict.fromkeys(run.setting.method for run in study.runs))

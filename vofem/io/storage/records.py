@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.bodies import Beam, Mass, Point
+from vofem.bodies import Beam, Mass, Path, Point, TravellingPoint
 from vofem.bodies.supports import ByNode
 from vofem.effects import LinearSoftening, NonlinearSpring, Resolved
 from vofem.errors import ArgumentError, MissingCallableError
@@ -38,7 +38,7 @@ _CLASSES: dict[str, type] = {
     **BODIES,
     **EFFECTS,
     **FUNCTIONS,
-    **{table_name(cls): cls for cls in (LinearSoftening, NonlinearSpring, Polynomial, Resolved, TabulatedOrder)},
+    **{table_name(cls): cls for cls in (LinearSoftening, NonlinearSpring, Path, Polynomial, Resolved, TabulatedOrder)},
 }
 _NAMES_OF = {cls: name for name, cls in _CLASSES.items()}
 
@@ -57,7 +57,7 @@ def scene_record(scene: Scene, q: Array, times: Array) -> dict[str, Any]:
     points = [point for effect in scene.effects for point in effect.points()]
     foreign = [body.label for body in scene.bodies if type(body) not in (Beam, Mass)]
     foreign += [effect.describe() for effect in scene.effects if type(effect) not in _NAMES_OF]
-    foreign += [point.describe() for point in points if type(point) not in (Point, Mass)]
+    foreign += [point.describe() for point in points if type(point) not in (Point, Mass, TravellingPoint)]
     record = {"foreign": list(dict.fromkeys(foreign)), "equations": equations(scene.model.system), "whole": None}
     if foreign:
         return record
@@ -159,6 +159,8 @@ class Encoder:
             return name, _values(value)
         if type(value) is Point:
             return "point", (value.body, float(value.x))
+        if type(value) is TravellingPoint:
+            return "travelling", (value.body, value.path)
         if isinstance(value, Recording):
             return "plain", value.recorded()
         if isinstance(value, TimeFunction) and not is_plain(value):
@@ -200,6 +202,8 @@ def decode(tag: str, record: Any) -> Any:
         return RecordedLoad(record)
     if tag == "point":
         return Point(*record)
+    if tag == "travelling":
+        return TravellingPoint(*record)
     if tag not in _CLASSES:
         raise KeyError(f"{tag!r} is no part of a scene")
     if tag == "beam":

@@ -70,7 +70,7 @@ def restored_solution(
     if kind == "stepped":
         parts = (energy.kinetic, energy.strain, energy.contact, energy.dissipated, energy.work)
         return SteppedSolution(**record, times=times, samples=samples, stored=Energies(*parts), events=events)
-    from vofem.integrators.event_driven import EventSolution, SlidingSolution
+    from vofem.integrators.event_driven import EventSolution
 
     if kind == "truncated":
         from vofem.integrators.event_driven.lifted import TruncatedSolution
@@ -80,7 +80,9 @@ def restored_solution(
     sensitivity = record.pop("sensitivity")
     rows = group["segments"]
     segments = Segments(**{name: read_array(rows[name]) for name in Segments._fields})
-    kind_of = EventSolution if record["system"].sliders is None else SlidingSolution
+    kind_of: type[EventSolution] = EventSolution
+    if record["system"].sliders is not None:
+        from vofem.integrators.event_driven.sliding import SlidingSolution as kind_of  # noqa: N813
     solution = kind_of.restored(**record, times=times, segments=segments, events=events)
     if sensitivity is not None:
         solution.__dict__["sensitivity"] = sensitivity

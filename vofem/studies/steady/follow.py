@@ -20,7 +20,7 @@ from vofem.studies.steady.point import ORIGIN, Interval, Point, corrected, deriv
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.signature import Signature
 from vofem.studies.steady.special import SpecialPoint, special_at
-from vofem.studies.steady.touching import Passage, ending, passage
+from vofem.studies.steady.touching import Passage, ending, passage, what_contacts_do
 
 Array = NDArray[np.float64]
 
@@ -182,10 +182,7 @@ class Follower:
                 self._count("rejected_flows")
                 step *= _SHRINK
                 if step < LEAST:
-                    track.notes.append(
-                        f"the {self.noun} was lost at {now.value:.12g}: Newton's method does not converge for the "
-                        f"smallest step{self._why}; the motion beyond may chatter or touch two contacts at once"
-                    )
+                    track.notes.append(self._lost(now))
                     break
                 continue
             now, step = after
@@ -197,6 +194,16 @@ class Follower:
         self.counters.points = len(track.points)
         track.special.sort(key=lambda mark: mark.place)
         return track
+
+    def _lost(self, now: Point) -> str:
+        """Return what is known about the place where no further orbit was found."""
+        known = what_contacts_do(now)
+        seen = "; there " + ", and ".join(known) if known else ""
+        return (
+            f"the {self.noun} was lost at {now.value:.12g}: Newton's method does not converge for the smallest "
+            f"step{self._why}{seen}. To go on, follow from an orbit beyond: vofem.continuation(..., guess=) with a run "
+            "there that has settled, or with periods="
+        )
 
     def _advanced(self, now: Point, step: float) -> tuple[Point, float] | None:
         """Return the next point and step, or None where the step was too long."""

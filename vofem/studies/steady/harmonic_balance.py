@@ -44,7 +44,7 @@ from vofem.studies.steady.loads import LoadPeriod, load_period
 from vofem.studies.steady.orbit import DECIDED, OrbitTruncation, PeriodicOrbit
 from vofem.studies.steady.trigonometric import basis, to_complex, to_real
 from vofem.studies.steady.variation import monodromy, with_rates
-from vofem.system import System
+from vofem.system import System, refuse_travelling
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -493,6 +493,7 @@ def harmonics_in(scene: Scene, size: int) -> int | None:
 
 def refuse(what: str, system: System) -> None:
     """Raise `MethodError` for laws that harmonic balance cannot treat."""
+    refuse_travelling(what, system)
     for group in nonlinear_groups(system):
         reason = group.harmonic_refusal()
         if reason is not None:

@@ -15,7 +15,7 @@ from vofem.errors import ArgumentError, MethodError
 from vofem.lookup import rows_over
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.linear_rest import Attached, LinearRest, linear_laws
-from vofem.system import Counters, System
+from vofem.system import Counters, System, refuse_travelling
 from vofem.time_functions import Constant, Scaled, Sine, Sum, as_time_function
 from vofem.vibration import contact_indices
 
@@ -148,6 +148,7 @@ def frequency_response(
 
 def _force(what: str, system: System) -> tuple[Complex, complex]:
     """Return the harmonic load vector, shape (n,), and the amplitude ``a exp(i phase)`` of the first harmonic load."""
+    refuse_travelling(what, system)
     total, unit = np.zeros(system.size, dtype=complex), 0.0j
     for load in system.loads:
         amplitude = _amplitude(what, load.name, as_time_function(load.function))

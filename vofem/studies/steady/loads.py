@@ -10,7 +10,7 @@ import numpy as np
 
 from vofem._validate import number
 from vofem.errors import ArgumentError
-from vofem.system import Load, System
+from vofem.system import Load, System, refuse_travelling
 from vofem.time_functions import Sine, TimeFunction
 from vofem.time_functions.parts import frequency_words, parts_of
 
@@ -60,6 +60,7 @@ def load_period(what: str, system: System, period: float | None = None) -> LoadP
         If a load is not periodic or loads have no common period; the message names it. If no load varies and no period
         is given.
     """
+    refuse_travelling(what, system)
     frequencies = [(load, w) for load in system.loads for w in _frequencies(what, load, period)]
     if period is not None:
         omega = 2.0 * np.pi / number(f"{what}: period", period, positive=True)

@@ -35,6 +35,9 @@ Complex = NDArray[np.complex128]
 #: the least number in a segment.
 _SAMPLES, _SEARCHED, _LEAST_SAMPLES = 600, 2500, 16
 
+#: Steps in the search for an extreme in its bracket.
+_CUTS = 60
+
 #: Height of an extreme, over the size of the motion, below which it is not computed exactly.
 _LOW = -0.05
 
@@ -674,19 +677,28 @@ def _count(duration: float, whole: float, samples: int) -> int:
 
 def _root_of_rate(motion: Motion, row: Array, low: float, high: float) -> float:
     """Return where a rate vanishes between two times of a segment at which it has opposite signs."""
-    from scipy.optimize import brentq
-
     rate = motion.regime.over_blocks(row[None])[1]
     begin = float(row @ motion.velocity)
 
     def at(tau: float) -> float:
         return begin + float(rate @ motion.changes(np.array([tau]))[0].ravel())
 
-    if at(low) * at(high) >= 0.0:
-        # One of both is rounding.
-        return low if abs(at(low)) <= abs(at(high)) else high
-    found: float = brentq(at, low, high, xtol=4.0 * np.finfo(float).eps * high)
-    return found
+    first, last = at(low), at(high)
+    for _ in range(_CUTS):
+        if first * last >= 0.0:
+            break
+        # Secants, and the value at an end that stays is halved: the rule of Illinois.
+        middle = high - last * (high - low) / (last - first)
+        value, moved = at(middle), abs(middle - high)
+        if value * last < 0.0:
+            low, first = high, last
+        else:
+            first *= 0.5
+        high, last = middle, value
+        if moved <= 4.0 * np.finfo(float).eps * abs(high):
+            break
+    # One value of both may be rounding.
+    return low if abs(first) < abs(last) and first * last >= 0.0 else high
 
 
 def signature_of(problem: Shooting, flow: Flow) -> tuple[Signature, Array]:

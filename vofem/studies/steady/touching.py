@@ -15,7 +15,7 @@ from vofem.studies.steady.family import Family
 from vofem.studies.steady.near import CLOSES
 from vofem.studies.steady.point import Interval, Point, corrected, derivative_by_value, tangent_at
 from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Extreme, Signature
-from vofem.system import CLOSED
+from vofem.system import CLOSED, OPEN, PINNED
 
 Array = NDArray[np.float64]
 
@@ -40,6 +40,10 @@ _OUTSIDE = 0.05
 
 #: Changes that are located in one step at most, to find the first of them.
 _MOST = 8
+
+#: Distance of an extreme from its gap, over the size of the motion, that is told where a branch is lost, and the number
+#: of touches above which a contact may chatter.
+_CLOSE, _SEQUENCE = 1e-4, 3
 
 #: How many orbits inside a step are looked at where a change may hide.
 _LOOKS = 4
@@ -394,6 +398,31 @@ def _ends(
         return Passage(before, outside, outside, grazed)
     # Those that touched no longer do, and those that did not begin to: so this branch crosses that without touches.
     return Passage(before, outside, _touched(family, interval, outside, other), (*grazed, *(e.contact for e in other)))
+
+
+def what_contacts_do(point: Point) -> list[str]:
+    """Return what the contacts of an orbit do that may end a branch there: rests, impacts without end, grazings."""
+    chart, laws = point.chart, point.problem.system.contacts
+    if not isinstance(chart, Signature) or laws is None:
+        return []
+    lengths = chart.lengths(point.y[:-1])
+    found = []
+    for contact, name in enumerate(laws.names):
+        if any(status[contact] == PINNED for status in chart.statuses):
+            found.append(f"contact {name!r} rests at its gap for a part of the orbit")
+        mine = [(p, k) for p, k in chart.touches if chart.switches[p].contact == contact]
+        for status, what in ((CLOSED, "touches"), (OPEN, "opens")):
+            times = [lengths[p + 1 : k + 1].sum() for p, k in mine if chart.switches[p].status == status]
+            if min(times, default=np.inf) < _NEARLY:
+                found.append(
+                    f"contact {name!r} {what} {len(times)} times an orbit, once for {min(times):.2g} rad of the load"
+                )
+        if _jump(point.problem, [contact]) and len(mine) > _SEQUENCE:
+            found.append(f"its force jumps, so that it may chatter: touches of {name!r} may become infinitely many")
+        near = [-e.height for e in point.evaluation.extremes if e.contact == contact and e.height > -_CLOSE]
+        if near:
+            found.append(f"contact {name!r} comes within {max(min(near), 0.0):.2g} of the motion to its gap")
+    return found
 
 
 def _not_turned(short: Point, outside: Point) -> Point:

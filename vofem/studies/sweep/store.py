@@ -204,7 +204,9 @@ class _Recent:
             return {}
         try:
             with contextlib.closing(sqlite3.connect(self.path, timeout=_PATIENCE)) as connection:
-                texts = connection.execute("SELECT entry FROM entries ORDER BY rowid").fetchall()
+                # A process that ended while it made the database has left no table.
+                made = connection.execute("SELECT name FROM sqlite_master WHERE name = 'entries'").fetchone()
+                texts = connection.execute("SELECT entry FROM entries ORDER BY rowid").fetchall() if made else []
         except sqlite3.Error as error:
             raise StorageError(
                 f"{self.path}, which holds the rows that {self._store.name} does not hold yet, cannot be read: "

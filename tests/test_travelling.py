@@ -1,0 +1,353 @@
+"""Points that travel along beams: loads, contacts and what is fixed to them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vofem as vf
+
+DATA = Path(__file__).parent / "data" / "moving"
+
+pytestmark = pytest.mark.kernels("plain")
+
+ENDS = {"left": "pinned", "right": "pinned"}
+
+
+def known(name):
+    """Return scene, values and histories of a reference case; see tests/data/README.md."""
+    case = json.loads((DATA / f"{name}.json").read_text())
+    return case["scene"], case["values"], np.load(DATA / f"{name}.npz")
+
+
+def bridge(d, elements):
+    return vf.Beam(d["L"], EI=d["EI"], rhoA=d["rhoA"], elements=elements, supports=ENDS, name="bridge")
+
+
+def balance(result):
+    """Return the largest error of the ledger over the largest work."""
+    e = result.energy
+    total = e.kinetic + e.strain + e.contact + e.dissipated - e.work
+    return np.max(np.abs(total - total[0])) / np.max(np.abs(e.work))
+
+
+def off(found, exact):
+    return np.max(np.abs(found - exact)) / np.max(np.abs(exact))
+
+
+# -- loads ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("elements", [4, 10, 16])
+def test_a_moving_force_is_exact(elements):
+    d, _, histories = known("moving_force")
+    beam, t = bridge(d, elements), histories["t"]
+    scene = vf.Scene([beam], [vf.PointLoad(beam.along(vf.Path(d["v"])), -d["F"])])
+    result = vf.simulate(scene, t[-1], times=t, method="event_driven")
+    assert off(-result.displacement(beam.at(d["x_out"])), histories[f"fe{elements}"]) < 1e-9
+    assert balance(result) < 1e-12
+    # Segments end where the force passes a node, and when it leaves.
+    assert result.counters.steps == elements + 1
+
+
+def test_a_train_is_a_list_of_loads():
+    d, values, histories = known("moving_train")
+    beam, t = bridge(d, d["elements"]), histories["t"]
+    loads = [vf.PointLoad(beam.along(vf.Path(d["v"], begin=entry)), -d["F"]) for entry in d["entries"]]
+    result = vf.simulate(vf.Scene([beam], loads), t[-1], times=t, method="event_driven")
+    assert off(-result.displacement(beam.at(d["x_out"])), histories["fe"]) < 1e-9
+    # The same train by places beyond the bridge at t = 0, and one load that is met from the other side.
+    behind = [vf.PointLoad(beam.along(vf.Path(-d["v"], d["L"] + d["v"] * entry)), -d["F"]) for entry in d["entries"]]
+    mirrored = vf.simulate(vf.Scene([beam], behind), t[-1], times=t, method="event_driven")
+    np.testing.assert_allclose(
+        mirrored.displacement(beam.at(d["x_out"])), result.displacement(beam.at(d["x_out"])), atol=1e-10 * values["max"]
+    )
+
+
+@pytest.mark.parametrize("method", ["energy_conserving", "generalized_alpha"])
+def test_steps_take_a_moving_force_by_its_means(method):
+    d, _, histories = known("moving_force")
+    beam, t, errors = bridge(d, 4), histories["t"], []
+    scene = vf.Scene([beam], [vf.PointLoad(beam.along(vf.Path(d["v"])), -d["F"])])
+    for steps in (2000, 4000):
+        result = vf.simulate(scene, t[-1], times=t, method=method, dt=t[-1] / steps)
+        errors.append(off(-result.displacement(beam.at(d["x_out"])), histories["fe4"]))
+    assert errors[1] < 1e-4
+    assert 3.0 < errors[0] / errors[1] < 5.0
+
+
+def test_a_slow_free_beam_is_driven_exactly():
+    # A free beam has rigid motions, which cubics of time drive from rest.
+    beam = vf.Beam(2.0, EI=30.0, rhoA=4.0, elements=3, name="free")
+    scene = vf.Scene([beam], [vf.PointLoad(beam.along(vf.Path(1.6)), 5.0), vf.RayleighDamping(0.3, 1e-4)])
+    result = vf.simulate(scene, 1.0, times=[0.0, 0.5, 1.0], method="event_driven")
+    fine = vf.simulate(scene, 1.0, times=[0.0, 0.5, 1.0], method="energy_conserving", dt=1e-4)
+    x = np.linspace(0.0, 2.0, 5)
+    assert off(fine.deflection(x, [1.0], beam), result.deflection(x, [1.0], beam)) < 1e-5
+    assert balance(result) < 1e-11
+    # Momentum and its decay: m V' = F - 0.3 m V.
+    speed = result.velocity(beam.at(1.0))
+    mean = np.array([result.velocity(beam.at(float(place))) for place in np.linspace(0, 2, 2001)]).mean(axis=0)
+    assert mean[-1] == pytest.approx(5.0 / 8.0 * -np.expm1(-0.3) / 0.3, rel=2e-3)
+    assert speed.shape == (3,)
+
+
+def test_a_force_that_accelerates_or_varies_is_left_to_steps():
+    beam = vf.Beam(2.0, EI=50.0, rhoA=1.0, elements=4, supports=ENDS, name="beam")
+    for path, force in ((vf.Path(0.5, acceleration=1.0), 2.0), (vf.Path(1.0), vf.Sine(2.0, 9.0))):
+        scene = vf.Scene([beam], [vf.PointLoad(beam.along(path), force)])
+        assert vf.explain(scene).method == "energy_conserving"
+        with pytest.raises(vf.MethodError, match=r"PointLoad on Beam 'beam'.*travels.*energy_conserving"):
+            vf.simulate(scene, 1.0, method="event_driven")
+        # An independent answer: the equations of the nodes by an adaptive method.
+        from scipy.integrate import solve_ivp
+
+        system = scene.model.system
+        mass, stiffness = system.mass.toarray(), system.stiffness.toarray()
+        inverse, n = np.linalg.inv(mass), system.size
+        function = force if callable(force) else lambda t, force=force: force
+
+        free = scene.model.free
+
+        def rates(t, y, path=path, function=function, inverse=inverse, stiffness=stiffness, n=n, free=free):
+            x = path.start + path.speed * t + path.acceleration * t * t / 2
+            full = np.zeros(beam.size)
+            row = beam.row_at(min(x, 2.0))
+            full[row.indices] = row.weights * float(function(t)) * (x <= 2.0)
+            return np.concatenate([y[n:], inverse @ (full[free] - stiffness @ y[:n])])
+
+        exact = solve_ivp(rates, (0.0, 1.0), np.zeros(2 * n), method="DOP853", rtol=1e-7, atol=1e-10, max_step=0.05)
+        result = vf.simulate(scene, 1.0, times=[0.0, 1.0], method="energy_conserving", dt=5e-4)
+        found = scene.model.of_body(beam, result.solution.samples.q)[:, -1]
+        assert off(found, scene.model.of_body(beam, exact.y[:n, -1:])[:, 0]) < 2e-3
+
+
+def test_pulses_of_a_moving_force_and_impacts_beneath_it_are_exact():
+    beam = vf.Beam(2.0, EI=50.0, rhoA=1.0, elements=4, supports=ENDS, name="beam")
+    stop = vf.Contact(beam.at(1.0), gap=0.004, stiffness=3e3, side="below", acts_on="penetration", name="stop")
+    load = vf.PointLoad(beam.along(vf.Path(-1.5, start=2.0, begin=0.1)), vf.Pulse(-9.0, 0.3, 0.5) + -4.0)
+    scene = vf.Scene([beam], [stop, load, vf.RayleighDamping(0.1, 1e-4)])
+    t = np.linspace(0.0, 1.6, 33)
+    result = vf.simulate(scene, 1.6, times=t, method="event_driven")
+    fine = vf.simulate(scene, 1.6, times=t, method="energy_conserving", dt=4e-4)
+    assert result.contacts["stop"].closings.size >= 2
+    assert off(fine.displacement(beam.at(1.0)), result.displacement(beam.at(1.0))) < 5e-3
+    assert balance(result) < 1e-11
+    later = vf.simulate(scene, 0.8, initial=vf.simulate(scene, 0.8), t_start=0.8, times=[0.0, 0.8])
+    assert later.displacement(beam.at(1.0))[-1] == pytest.approx(result.displacement(beam.at(1.0))[-1], abs=1e-9)
+
+
+def test_travelling_loads_are_kept_in_files_and_drawn(tmp_path):
+    beam = vf.Beam(2.0, EI=50.0, rhoA=1.0, elements=4, supports=ENDS, name="beam")
+    path = vf.Path(1.5, start=-0.2, begin=0.1, ends="rigid")
+    scene = vf.Scene([beam], [vf.PointLoad(beam.along(path), -4.0)])
+    vf.dump_scene(scene, tmp_path / "scene.toml")
+    text = (tmp_path / "scene.toml").read_text()
+    assert "path = { speed = 1.5" in text
+    same = vf.load_scene(tmp_path / "scene.toml").scene
+    assert same.effects[0].point.path == path
+    result = vf.simulate(scene, 1.0)
+    result.save(tmp_path / "run.vtkhdf")
+    loaded = vf.load(tmp_path / "run.vtkhdf")
+    for other in (vf.simulate(same, 1.0), loaded):
+        np.testing.assert_array_equal(
+            other.displacement(other.scene.bodies[0].at(1.0)), result.displacement(beam.at(1.0))
+        )
+    from vofem.io.pictures.snapshot import snapshots
+
+    views = snapshots(result, np.array([0.05, 0.5]))
+    assert not views[0].pushes
+    assert views[1].pushes[0].points[0].x == pytest.approx(-0.2 + 1.5 * 0.4)
+    assert "at 1.5 m/s from x = -0.2 m" in str(vf.explain(scene))
+
+
+def test_what_cannot_travel_is_refused_by_name():
+    beam = vf.Beam(2.0, EI=50.0, rhoA=1.0, elements=4, supports=ENDS, name="beam")
+    point = beam.along(vf.Path(1.0))
+    scene = vf.Scene([beam], [vf.PointLoad(point, -4.0)])
+    for refused in (
+        lambda: vf.equilibrium(scene),
+        lambda: vf.quasi_static(scene, [1.0]),
+        lambda: vf.periodic(scene, period=1.0),
+        lambda: vf.periodic(scene, period=1.0, harmonics=3),
+        lambda: vf.frequency_response(scene, [1.0], loads="scene"),
+        lambda: vf.sensitivities(vf.simulate(scene, 0.5), [vf.Parameter(beam, "EI")]),
+    ):
+        with pytest.raises(vf.VofemError, match=r"PointLoad on Beam 'beam'.*travels along a beam"):
+            refused()
+    for refused in (
+        lambda: vf.PointMoment(point, 1.0),
+        lambda: vf.Springpot(point, coefficient=1.0, order=0.5),
+        lambda: vf.Joint(point, beam.at(1.0), kind="hinge"),
+        lambda: vf.simulate(scene, 0.5).displacement(point),
+    ):
+        with pytest.raises(vf.VofemError, match=r"Beam 'beam' at 1 m/s.*travels"):
+            refused()
+    with pytest.raises(vf.ArgumentError, match=r"vofem\.Path"):
+        beam.along(1.0)
+    with pytest.raises(vf.ArgumentError, match="begin"):
+        vf.Path(1.0, begin=-1.0)
+
+
+def test_times_at_which_a_path_passes_places():
+    path = vf.Path(2.0, start=1.0, begin=0.5, acceleration=-1.0)
+    # x = 1 + 2 s - s^2/2 turns at s = 2, x = 3.
+    np.testing.assert_allclose(path.times_at([1.0, 2.5, 3.5, -1.0]), 0.5 + np.array([0.0, 1.0, 3.0, 4.0, 2 + 8**0.5]))
+    np.testing.assert_allclose(vf.Path(-2.0, start=1.0).times_at([0.0, 2.0]), [0.5])
+    assert vf.Path(0.0, start=1.0).times_at([0.0, 2.0]).size == 0
+
+
+# -- contacts and attachments -----------------------------------------------------------------------------
+
+
+def test_a_stop_that_travels_converges_and_its_ledger_is_exact():
+    d, values, histories = known("travelling_stop")
+    beam, t, errors = bridge(d, d["elements"]), histories["t"], []
+    stop = vf.Contact(
+        beam.along(vf.Path(d["v"], start=d["x0"])), gap=d["gap"], stiffness=d["K0"], side="above",
+        acts_on="penetration", name="stop",
+    )  # fmt: skip
+    load = vf.PointLoad(beam.at(d["L"] / 2), vf.Sine(d["F"], d["Omega"]))
+    scene = vf.Scene([beam], [stop, load, vf.RayleighDamping(0.0, d["beta"])])
+    for steps in (800, 1600):
+        result = vf.simulate(scene, d["t_end"], times=t, dt=d["t_end"] / steps)
+        assert result.method == "energy_conserving"
+        errors.append(off(result.displacement(beam.at(d["L"] / 2)), histories["w_mid"]))
+    assert errors[1] < 5e-3
+    assert 3.0 < errors[0] / errors[1] < 5.0
+    assert balance(result) < 1e-12
+    events = [time for time, _ in values["events"]]
+    np.testing.assert_allclose(result.solution.events.time, events, rtol=0, atol=2e-3)
+
+
+def oscillator(d, roughness=None, ends="free", start=0.0):
+    beam = bridge(d, d["elements"])
+    wheel, body = vf.Mass(d["mw"], name="wheel"), vf.Mass(d["ms"], name="body")
+    path = vf.Path(d["v"], start=start, profile=roughness, ends=ends)
+    weight = (d["mw"] + d["ms"]) * d["g"]
+    low = -weight / d["kc"]
+    effects = [
+        vf.Contact(beam.along(path), wheel, gap=0.0, stiffness=d["kc"], acts_on="penetration", name="rail"),
+        vf.Spring(body, wheel, stiffness=d["ks"]), vf.Dashpot(body, wheel, damping=d["cs"]),
+        vf.PointLoad(wheel, -d["mw"] * d["g"]), vf.PointLoad(body, -d["ms"] * d["g"]),
+    ]  # fmt: skip
+    start_at = {wheel: (low, 0.0), body: (low - d["ms"] * d["g"] / d["ks"], 0.0)}
+    return vf.Scene([beam, wheel, body], effects, initial=start_at), beam, wheel, body
+
+
+@pytest.mark.parametrize(
+    ("name", "steps", "wanted"),
+    [("moving_oscillator_touching", 1000, 5e-4), ("moving_oscillator_separates", 2000, 1e-2)],
+)
+def test_a_sprung_wheel_on_a_beam(name, steps, wanted):
+    d, values, histories = known(name)
+    rough, errors = d["roughness"], []
+    profile = rough and (lambda x: rough["amplitude"] * np.sin(2.0 * np.pi * x / rough["wavelength"]))
+    scene, beam, wheel, body = oscillator(d, profile)
+    t = histories["t"]
+    for count in (steps, 2 * steps):
+        result = vf.simulate(scene, t[-1], times=t, dt=t[-1] / count)
+        found = (result.displacement(beam.at(d["x_out"])), result.displacement(body))
+        errors.append(max(off(u, histories[key]) for u, key in zip(found, ("w_mid", "u_s"), strict=True)))
+    assert errors[1] < wanted
+    assert off(result.displacement(wheel), histories["u_w"]) < wanted
+    assert 2.5 < errors[0] / errors[1] < 6.0
+    assert balance(result) < 1e-11
+    # The wheel leaves and lands when it should.
+    times = [time for time, _ in values["events"]]
+    inside = result.solution.events.time[result.solution.events.time < t[-1] * (1 - 1e-9)]
+    np.testing.assert_allclose(inside, times[: inside.size], rtol=0, atol=3e-4)
+    assert abs(inside.size - len(times)) <= 1
+
+
+def test_a_wheel_drives_on_and_off_a_rigid_road():
+    d, _, _ = known("moving_oscillator_touching")
+    scene, beam, _, body = oscillator(d, ends="rigid", start=-0.1 * d["L"])
+    duration = 1.2 * d["L"] / d["v"]
+    result = vf.simulate(scene, duration, dt=duration / 1500)
+    before = result.times < 0.09 * d["L"] / d["v"]
+    assert np.max(np.abs(result.displacement(beam.at(12.5))[before])) < 1e-15
+    assert np.ptp(result.displacement(body)[before]) < 1e-12
+    # Behind the bridge the body rests on the road again, and swings a little.
+    weight = (d["mw"] + d["ms"]) * d["g"]
+    assert result.contacts["rail"].force[-1] == pytest.approx(weight, rel=0.05)
+    assert np.all(result.contacts["rail"].closed)
+    assert balance(result) < 1e-9
+    away = vf.simulate(oscillator(d)[0], duration, dt=duration / 600)
+    assert np.isnan(away.contacts["rail"].gap_function[-1])
+    assert away.contacts["rail"].force[-1] == 0.0
+    assert balance(away) < 1e-11
+
+
+def test_a_mass_that_is_tied_to_the_beam_below_it():
+    d, _, histories = known("moving_mass")
+    beam, t, errors = bridge(d, d["elements"]), histories["t"], []
+    point = beam.along(vf.Path(d["v"]))
+    weighed = vf.Scene([beam], [vf.PointMass(point, mass=d["Mm"]), vf.PointLoad(point, -d["Mm"] * d["g"])])
+    for steps in (2000, 4000):
+        result = vf.simulate(weighed, t[-1], times=t, dt=t[-1] / steps)
+        errors.append(off(result.displacement(beam.at(d["x_out"])), histories["w"]))
+    # The force jumps where the mass passes a node, and excites modes that these steps do not resolve.
+    assert errors[1] < 5e-5
+    assert 2.0 < errors[0] / errors[1] < 5.0
+    assert balance(result) < 1e-12
+    # A run that goes on from the middle of the bridge finds the mass where it is, and as fast as it is.
+    first = vf.simulate(weighed, 0.5, dt=1e-3)
+    later = vf.simulate(weighed, 0.5, dt=1e-3, initial=first, t_start=0.5)
+    whole = vf.simulate(weighed, 1.0, dt=1e-3)
+    assert later.displacement(beam.at(5.0))[-1] == pytest.approx(whole.displacement(beam.at(5.0))[-1], rel=1e-3)
+    assert balance(later) < 1e-12
+    # A mass that rests is the mass at that point.
+    still = beam.along(vf.Path(0.0, start=3.0))
+    scenes = [
+        vf.Scene([beam], [vf.PointMass(p, mass=50.0), vf.PointLoad(beam.at(5.0), 1e3)]) for p in (still, beam.at(3.0))
+    ]
+    one, two = (vf.simulate(s, 0.2, method="energy_conserving", dt=1e-3).displacement(beam.at(5.0)) for s in scenes)
+    np.testing.assert_allclose(one, two, rtol=0, atol=1e-12 * np.max(np.abs(two)))
+
+
+def test_springs_and_dashpots_that_rest_on_a_path_are_ordinary_ones():
+    beam = vf.Beam(2.0, EI=50.0, rhoA=1.0, elements=4, supports=ENDS, name="beam")
+    load = vf.PointLoad(beam.at(1.0), vf.Sine(3.0, 11.0))
+    runs = []
+    for point in (beam.along(vf.Path(0.0, start=0.7)), beam.at(0.7)):
+        effects = [load, vf.Spring(point, stiffness=400.0), vf.Dashpot(point, damping=3.0)]
+        runs.append(vf.simulate(vf.Scene([beam], effects), 1.0, method="energy_conserving", dt=2e-3))
+    np.testing.assert_allclose(
+        runs[0].displacement(beam.at(1.0)), runs[1].displacement(beam.at(1.0)), rtol=0, atol=1e-12
+    )  # fmt: skip
+    np.testing.assert_allclose(runs[0].energy.dissipated, runs[1].energy.dissipated, rtol=0, atol=1e-12)
+    moving = [
+        load,
+        vf.Spring(beam.along(vf.Path(1.3)), stiffness=400.0),
+        vf.Dashpot(beam.along(vf.Path(0.8)), damping=3.0),
+    ]
+    assert balance(vf.simulate(vf.Scene([beam], moving), 1.2, dt=4e-3)) < 1e-11
+
+
+def test_contacts_that_travel_are_refused_where_they_must_be_and_are_kept_in_files(tmp_path):
+    beam, wheel = vf.Beam(2.0, EI=50.0, rhoA=1.0, elements=4, supports=ENDS, name="beam"), vf.Mass(0.1, name="wheel")
+    path = vf.Path(1.0, profile=vf.Polynomial([0.0, 0.01]))
+    rail = vf.Contact(beam.along(path), wheel, gap=0.0, stiffness=1e3, acts_on="penetration", name="rail")
+    scene = vf.Scene([beam, wheel], [rail, vf.PointLoad(wheel, -1.0)])
+    for method in ("event_driven", "generalized_alpha", "central_difference"):
+        with pytest.raises(vf.MethodError, match=r"Contact 'rail' travels.*energy_conserving"):
+            vf.simulate(scene, 1.0, method=method)
+    for refused in (
+        lambda: vf.equilibrium(scene),
+        lambda: vf.periodic(scene, period=1.0),
+        lambda: vf.modes(vf.Scene([beam], [vf.Spring(beam.along(path), stiffness=1.0)]), 2),
+    ):
+        with pytest.raises(vf.VofemError, match="travels along a beam"):
+            refused()
+    result = vf.simulate(scene, 0.5, dt=5e-3)
+    vf.dump_scene(scene, tmp_path / "scene.toml")
+    same = vf.simulate(vf.load_scene(tmp_path / "scene.toml").scene, 0.5, dt=5e-3)
+    result.save(tmp_path / "run.vtkhdf")
+    for other in (same, vf.load(tmp_path / "run.vtkhdf")):
+        np.testing.assert_array_equal(other.contacts["rail"].force, result.contacts["rail"].force)
+    from vofem.io.pictures.snapshot import snapshots
+
+    links = snapshots(result, np.array([0.25]))[0].links
+    assert links[0].a.x == pytest.approx(0.25)

@@ -1,0 +1,188 @@
+"""Points that travel along a beam."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any, Literal, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vofem.bodies.base import Array, IntArray, Point
+from vofem.bodies.cubics import hermite
+from vofem.bodies.kinds import Along
+from vofem.errors import ArgumentError
+from vofem.parameters import Choice, Real, declared
+
+#: Distance to a node, over the length of an element, below which a point is at the node.
+_AT = 1e-9
+
+
+@declared(frozen=True)
+class Path:
+    """How a point travels along a beam: ``x = start + speed (t - begin) + acceleration (t - begin)^2/2``.
+
+    The point does not exist before `begin`. Both ends of the beam belong to the path.
+    """
+
+    speed: Annotated[float, Real("m/s", "Speed at the time `begin`; a negative one leads to the left.")]
+    start: Annotated[
+        float, Real("m", "Place at the time `begin`, an x of the beam, which may lie beyond its ends.")
+    ] = 0.0
+    begin: Annotated[float, Real("s", "Time at which the point begins to exist.", least=0)] = 0.0
+    acceleration: Annotated[float, Real("m/s^2", "Acceleration along the beam.")] = 0.0
+    profile: Annotated[
+        float | Callable[[Any], Any] | None,
+        Along(
+            "m", "Height of the road above the axis of the beam, of which contacts know. Without it the road is flat."
+        ),
+    ] = None
+    ends: Annotated[
+        Literal["free", "rigid"],
+        Choice(
+            ("free", "rigid"),
+            'What a contact finds beyond the ends of the beam: nothing ("free"), or a rigid road at the height of the '
+            'profile ("rigid").',
+        ),
+    ] = "free"
+
+    def position(self, t: ArrayLike) -> Array:
+        """Return x at times t, m; before `begin` as if the point had come along the same way."""
+        late = np.asarray(t, dtype=float) - self.begin
+        return np.asarray(self.start + late * (self.speed + 0.5 * self.acceleration * late))
+
+    def velocity(self, t: ArrayLike) -> Array:
+        """Return the speed along the beam at times t, m/s."""
+        return np.asarray(self.speed + self.acceleration * (np.asarray(t, dtype=float) - self.begin))
+
+    def times_at(self, x: ArrayLike) -> Array:
+        """Return the times from `begin` on at which the point passes some places, sorted, s."""
+        way = np.asarray(x, dtype=float).ravel() - self.start
+        with np.errstate(all="ignore"):
+            root = np.sqrt(self.speed**2 + 2.0 * self.acceleration * way)
+            far = self.speed + (root if self.speed >= 0.0 else -root)
+            late = np.concatenate([2.0 * way / far, far / -self.acceleration if self.acceleration else way * np.nan])
+        return np.unique(self.begin + late[np.isfinite(late) & (late >= 0.0)])
+
+    def height(self, x: Array) -> Array:
+        """Return the height of the road at x, m, shape (k,)."""
+        if self.profile is None:
+            return np.zeros(x.shape)
+        values = np.asarray(self.profile(x) if callable(self.profile) else self.profile, dtype=float)
+        values = np.broadcast_to(values, x.shape)
+        if not np.all(np.isfinite(values)):
+            raise ArgumentError(f"Path: profile is not finite at x = {x[int(np.argmin(np.isfinite(values)))]:g} m")
+        return values
+
+    def describe(self) -> str:
+        """Return speed, acceleration and start."""
+        grows = f", {self.acceleration:g} m/s^2" if self.acceleration else ""
+        begin = f" at t = {self.begin:g} s" if self.begin else ""
+        return f"at {self.speed:g} m/s{grows} from x = {self.start:g} m{begin}"
+
+
+class TravellingPoint(Point):
+    """A point that travels along a beam; made by `Beam.along`.
+
+    Attributes
+    ----------
+    body : Beam
+    x : float
+        Where it begins, or the end of the beam that is nearest to that place.
+    path : Path
+    """
+
+    def __init__(self, body: Any, path: Path) -> None:
+        super().__init__(body, float(np.clip(path.start, body.nodes[0], body.nodes[-1])))
+        self.path = path
+
+    @property
+    def name(self) -> str:
+        """Body and path, for texts."""
+        return f"{self.body.name}@{self.path.describe()}"
+
+    def __repr__(self) -> str:
+        return f"{self.body!r}.along({self.path!r})"
+
+    def describe(self) -> str:
+        """Return body and path."""
+        return f"{self.body.label} {self.path.describe()}"
+
+    def row(self) -> NoReturn:
+        """Raise an error, because the row depends on time."""
+        raise ArgumentError(
+            f"a point of {self.describe()} travels, and what is asked for knows points at rest only; give "
+            f"{self.body.name}.at(x), or simulate with a stepping method and ask at the points of interest"
+        )
+
+    def slope_row(self) -> NoReturn:
+        """Raise an error, because the row depends on time."""
+        self.row()
+
+    def inside(self, t: Array) -> Any:
+        """Return whether the point is on the beam at times t, ndarray of bool."""
+        x, nodes = self.path.position(t), self.body.nodes
+        slack = _AT * self.body.element_lengths.min()
+        return (t >= self.path.begin) & (x >= nodes[0] - slack) & (x <= nodes[-1] + slack)
+
+    def place(self, t: float) -> Point | None:
+        """Return the point of the beam at a time in s; None where the point is not on it."""
+        nodes = self.body.nodes
+        if not bool(self.inside(np.array([t]))[0]):
+            return None
+        return self.body.at(float(np.clip(self.path.position(t), nodes[0], nodes[-1])))
+
+    def present(self, t: Array) -> Any:
+        """Return whether there is anything below the point at times t: the beam, or a rigid road beyond its ends."""
+        if self.path.ends == "rigid":
+            return t >= self.path.begin
+        return self.inside(t)
+
+    def velocity(self, t: Array) -> Array:
+        """Return the speed along the beam at times t, m/s."""
+        return self.path.velocity(t)
+
+    def road(self, t: Array) -> Array:
+        """Return the height of the road above the axis at times t, m."""
+        return self.path.height(self.path.position(t))
+
+    def road_rate(self, t: Array) -> Array:
+        """Return the rate at which this height changes, m/s, by a difference over a millionth of the beam."""
+        if self.path.profile is None:
+            return np.zeros(t.shape)
+        x, step = self.path.position(t), 1e-6 * self.body.length
+        slope = (self.path.height(x + step) - self.path.height(x - step)) / (2.0 * step)
+        return slope * self.path.velocity(t)
+
+    def crossings(self, t_end: float) -> Array:
+        """Return the times in (0, t_end) at which the point appears, or passes a node, sorted, s."""
+        times = np.unique(np.append(self.path.times_at(self.body.nodes), self.path.begin))
+        return times[(times > 0.0) & (times < t_end)]
+
+    def cubics(self, t: Array, derivative: int = 0, *, ahead: bool = False) -> tuple[IntArray, Array]:
+        """Return degrees of freedom and weights of a derivative of eta by x at times t, each of shape (k, 4).
+
+        At a node the element that lies ahead is taken. Weights are zero where the point is not on the beam, and with
+        `ahead` also where it is just about to leave.
+        """
+        nodes, lengths = self.body.nodes, self.body.element_lengths
+        x, way = self.path.position(t), self.path.velocity(t)
+        way = np.where(way == 0.0, self.path.acceleration, way)
+        element = np.clip(np.searchsorted(nodes, x, side="right") - 1, 0, lengths.size - 1)
+        xi = (x - nodes[element]) / lengths[element]
+        back = (way < 0.0) & (xi < _AT) & (element > 0)
+        on = (way >= 0.0) & (xi > 1.0 - _AT) & (element < lengths.size - 1)
+        element = element - back + on
+        xi = np.where(back, 1.0, np.where(on, 0.0, np.clip(xi, 0.0, 1.0)))
+        weights = np.stack([hermite(i, xi, lengths[element], derivative) for i in range(4)], axis=1)
+        there = self.inside(t)
+        if ahead:
+            slack = _AT * lengths.min()
+            there &= ~(((way > 0.0) & (x >= nodes[-1] - slack)) | ((way < 0.0) & (x <= nodes[0] + slack)))
+        weights[~there] = 0.0
+        return 2 * element[:, None] + np.arange(4), weights
+
+
+def place_at(point: Any, t: float) -> Any:
+    """Return a point as it lies at a time in s: the point itself if it rests, None where it is not on its beam."""
+    return point.place(t) if isinstance(point, TravellingPoint) else point
