@@ -103,8 +103,8 @@ def test_memory_grows_with_the_number_of_contacts_not_with_its_square():
     energy_conserving(system, start, 0.02, np.array([0.02]), 1e-3)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    # A compliance would take 72 MB. States are kept for some steps at a time.
-    assert peak < 16e6
+    # A compliance would take 72 MB. States are kept for some steps at a time, also those of the run with larger steps.
+    assert peak < 20e6
 
 
 def test_the_energy_of_a_jump_is_that_of_its_force():

@@ -47,6 +47,9 @@ _FLAT = 1e-12
 #: A correction of the mean velocity above this fraction of it is corrected again.
 _SMALL = 2.0**-6
 
+#: Response to a reaction within a step, over the coordinate, above which the reaction is corrected from its law.
+_TURNED = 4.0
+
 
 class Numbers(NamedTuple):
     """The numbers of a method for one step size; see the module for the first six.
@@ -340,8 +343,8 @@ def advance(
             begin_springpots(pots, k, laws, way, chunk.pots, u0, work.base, work.rate)
         for j in range(m):
             found[j], work.held[j] = last[j], 0.0
-        solved = 0
-        for again in range(2):
+        solved, turned = 0, False
+        for again in range(4):
             if force.shape[0] > 0:
                 copy(force[k], right)
             else:
@@ -374,6 +377,8 @@ def advance(
                         subtract_row(rows, j, (1.0 - b) * last[j], right)
             if solved:
                 for j in range(m):
+                    if turned:
+                        found[j] = force_over(laws, j, way, u0[j], work.base[j], 0.0, before[j])
                     work.held[j] = found[j]
                     subtract_row(rows, j, weight * found[j], right)
             if explicit and not dampers:
@@ -394,13 +399,19 @@ def advance(
                     work.free[j] = dot(rows, j, x)
                 answer = 0
                 if compliance is not None:
-                    answer = _react(compliance, laws, way, u0, before, work, per_y, weight)
+                    if turned:
+                        answer = _correct_reactions(compliance, laws, way, u0, work, per_y, weight)
+                    else:
+                        answer = _react(compliance, laws, way, u0, before, work, per_y, weight)
                     if answer > 0:
                         copy(right, x)
                         for j in range(m):
-                            if found[j] != work.held[j]:
-                                subtract_row(rows, j, weight * (found[j] - work.held[j]), x)
+                            more = work.change[j] if turned else found[j] - work.held[j]
+                            if more != 0.0:
+                                subtract_row(rows, j, weight * more, x)
                         solve(factored, x)
+                    if mean and not turned:
+                        turned = _turned(compliance, u0, work, per_y * weight)
                 if band is not None:
                     answer = _react_in_band(band, laws, rows, way, u0, before, work, per_y, weight)
                 if answer < 0:
@@ -411,7 +422,7 @@ def advance(
                 break
             _sum(p, p, half, x)
             # Errors of the factored matrix in large corrections would work in one direction for ever.
-            if half * _largest(x) <= _SMALL * _largest(p):
+            if not turned and (again == 1 or half * _largest(x) <= _SMALL * _largest(p)):
                 break
         solves += 0 if explicit else solved
         if mean:
@@ -546,6 +557,38 @@ def _react(
         if settled:
             return step + 1
     return -1
+
+
+@jit
+def _turned(compliance: Array, u0: Array, work: Work, reach: float) -> bool:
+    """Return whether reactions move a coordinate so much within the step that rounding of them leaves it no digits."""
+    for j in range(u0.size):
+        if reach * compliance[j, j] * abs(work.found[j]) > _TURNED * (abs(u0[j]) + abs(work.base[j])):
+            return True
+    return False
+
+
+@jit
+def _correct_reactions(
+    compliance: Array, laws: Laws, way: Way, u0: Array, work: Work, per_y: float, weight: float
+) -> int:  # fmt: skip
+    """Correct reactions by one step of Newton's method, from the laws' forces at the coordinates found so far.
+
+    On entry ``work.held`` holds these forces and ``work.free`` what ``b_j.x`` is with them. The corrections stay apart,
+    in ``work.change``: as a part of large reactions they would lose their digits.
+    """
+    compliance, laws, u0, work = borrowed((compliance, laws, u0, work))
+    m = u0.size
+    for i in range(m):
+        slope = slope_over(laws, i, way, u0[i], work.base[i])
+        work.solution[i] = slope * per_y * work.free[i]
+        for j in range(m):
+            work.matrix[i, j] = slope * (per_y * weight * compliance[i, j]) + (1.0 if i == j else 0.0)
+    _eliminate(work.matrix, work.solution, m)
+    for j in range(m):
+        work.change[j] = work.solution[j]
+        work.found[j] = work.held[j] + work.solution[j]
+    return 1
 
 
 @jit
