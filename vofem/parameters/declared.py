@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import inspect
 import itertools
@@ -102,8 +103,9 @@ def declared(
             if type(one.kind).check is not Kind.check
         )
         signature = inspect.signature(made.__init__)
-        own = [p for name in ("self", *order) for p in (signature.parameters[name],)]
-        made.__init__.__signature__ = signature.replace(parameters=own)
+        types = {f.name: _type_of(f.type, hints[f.name]) for f in dataclasses.fields(cls) if f.init}
+        own = [signature.parameters[name].replace(annotation=types[name]) for name in order]
+        made.__init__.__signature__ = signature.replace(parameters=[signature.parameters["self"], *own])
         made._rules = tuple(
             member
             for base in reversed(made.__mro__)
@@ -170,6 +172,14 @@ def _kind_of(cls: type, name: str, hint: Any) -> Kind:
     if typing.get_origin(hint) is not typing.Annotated or not kinds:
         raise TypeError(f"{cls.__name__}.{name} has no kind, expected Annotated[type, Real(...)] or the like")
     return kinds[-1]
+
+
+def _type_of(text: Any, hint: Any) -> Any:
+    """Return the type of a parameter without its kind: as it was written beside the kind, or else resolved."""
+    node = ast.parse(text, mode="eval").body if isinstance(text, str) else None
+    if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Tuple) and ast.unparse(node.value) == "Annotated":
+        return ast.unparse(node.slice.elts[0])
+    return typing.get_args(hint)[0]
 
 
 def _check(self: Any) -> None:
