@@ -149,13 +149,15 @@ def test_a_train_on_a_bridge(capsys):
         assert text in printed
 
 
-def test_fitting(capsys):
+def test_fitting(tmp_path, monkeypatch, capsys):
     """The fit finds the parameters from which the measurement was made, within a few deviations, and says how well."""
+    monkeypatch.chdir(tmp_path)
     names = run_page(DOCS / "fitting.md")
     found = names["found"]
     assert np.all(np.abs(found.values - [0.008, 3000.0]) < 3.0 * found.deviation)
     assert 0.7 < names["misfit"] < 1.3
     assert names["early"].not_identifiable == ["stop.gap", "stop.stiffness"]
+    assert names["again"].report() == found.report()
     printed = capsys.readouterr().out
     for text in ("gap 8.00 mm, stiffness 3000 N/m", "noise: 0.89", "+- 0.006 mm", "+- 0.06 %"):
         assert text in printed

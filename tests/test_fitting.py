@@ -147,6 +147,67 @@ def test_a_picture_of_a_fit(tmp_path: Path) -> None:
     assert plot.fit(fit, tmp_path / "fit.png").stat().st_size > 10_000
 
 
+def test_a_fit_from_a_file_is_the_same(tmp_path: Path) -> None:
+    data, arrays = case("E5_not_identifiable")
+    scene = scene_of(data["true"])
+    mass = scene.bodies[0]
+    parameters = [vf.Parameter("stop", "gap"), vf.Parameter(mass, "mass", bounds=(0.1, None))]
+    measured = vf.Measured(mass, arrays["times"], arrays["data"] + 0.1, data["sigma"], offset=True)
+    end = 0.5 * arrays["times"][-1]
+    fit = vf.fit(scene, parameters, measured, horizon=end, starts=2)
+    path = fit.save(tmp_path / "fit.h5")
+    loaded = vf.load(path)
+    assert isinstance(loaded, vf.Fit)
+    for name in ("values", "offsets", "covariance", "deviation", "residuals"):
+        assert np.array_equal(getattr(loaded, name), getattr(fit, name), equal_nan=True), name
+    for name in ("not_identifiable", "notes", "chi2", "until", "runs"):
+        assert getattr(loaded, name) == getattr(fit, name), name
+    assert loaded.report() == fit.report()
+    assert "not identifiable: the data do not determine stop.gap" in loaded.report()
+    assert [one.values.tolist() for one in loaded.starts] == [one.values.tolist() for one in fit.starts]
+    assert [one.bounds for one in loaded.parameters] == [(-np.inf, np.inf), (0.1, np.inf)]
+    assert [one.value(loaded.scene) for one in loaded.parameters] == fit.values.tolist()
+    runs = [vf.simulate(one.scene, end, method="event_driven") for one in (fit, loaded)]
+    derivatives = [vf.sensitivities(run, one.parameters) for run, one in zip(runs, (fit, loaded), strict=True)]
+    assert np.array_equal(runs[0].displacement(fit.scene.bodies[0]), runs[1].displacement(loaded.scene.bodies[0]))
+    slopes = [d.displacement(one.scene.bodies[0]) for d, one in zip(derivatives, (fit, loaded), strict=True)]
+    assert np.array_equal(*slopes)
+    own = vf.load(path, scene=fit.scene)
+    assert own.scene is fit.scene
+    assert own.report() == fit.report()
+    with pytest.raises(vf.ArgumentError, match="the scene is another one"):
+        vf.load(path, scene=scene_of({**data["true"], "m": 7.0}))
+    with pytest.raises(vf.OutputError, match="exists"):
+        fit.save(path)
+    loaded.save(path, overwrite=True)
+    assert vf.load(path).report() == fit.report()
+    with pytest.raises(vf.ArgumentError, match=r"make them again, as in vofem\.Measured"):
+        vf.fit(loaded.scene, loaded.parameters, loaded.data)
+
+
+def test_elements_and_all_kinds_of_data_are_in_files_of_fits(tmp_path: Path) -> None:
+    from vofem.io import plot
+
+    beam = vf.Beam(1.0, EI=10.0, rhoA=1.0, elements=4, supports={"left": "clamped"}, name="beam")
+    loads = [vf.PointLoad(beam.at(1.0), 2.0), vf.PointLoad(beam.at(0.5), 1.0)]
+    scene = vf.Scene([beam], loads)
+    parameters = [vf.Parameter(beam, "EI", element=[0, 1]), vf.Parameter(loads[1], "f.value")]
+    first = vf.equilibrium(scene, 0.0).displacement(beam.at(1.0))
+    data = [
+        vf.MeasuredStatics(beam.at(1.0), [0.0], [1.1 * first], 1e-5),
+        vf.MeasuredFrequencies(1.02 * vf.modes(scene, 2).frequencies, 1e-3),
+    ]
+    fit = vf.fit(scene, parameters, data)
+    loaded = vf.load(fit.save(tmp_path / "fit.h5"))
+    assert loaded.parameters[0].elements == (0, 1)
+    assert loaded.parameters[1].found(loaded.scene) == (loaded.scene.effects[1],)
+    assert loaded.scene.bodies[0].EI.tolist() == fit.scene.bodies[0].EI.tolist()
+    assert [one.describe() for one in loaded.data] == [one.describe() for one in data]
+    drawn = [plot.fit(one).flat for one in (fit, loaded)]
+    lines = [[line.get_xydata().tolist() for ax in axes for line in ax.lines] for axes in drawn]
+    assert lines[0] == lines[1]
+
+
 def driven(gap: float, stiffness: float) -> vf.Scene:
     mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="m")
     stop = vf.Contact(mass, gap=gap, stiffness=stiffness, side="above", acts_on="penetration", name="stop")

@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 import vofem as vf
 from vofem.integrators import event_driven
+from vofem.io.csv_file import write_csv
 
 pytestmark = pytest.mark.kernels("plain")
 
@@ -281,6 +282,39 @@ def test_friction_beside_contacts_and_rigid_stops(tmp_path: Path) -> None:
     for name in ("force", "slip_speed", "status", "dissipated", "stops", "breaks"):
         one, other = (getattr(run.frictions["plane"], name) for run in (result, loaded))
         np.testing.assert_array_equal(one, other)
+
+
+def test_sliders_are_columns_of_tables_and_files(tmp_path: Path) -> None:
+    """A mass on a plane and a shaft in a bushing: two sliders of different units."""
+    import xarray
+
+    block = vf.Mass(1.0, stiffness=5.0, name="block")
+    shaft = vf.Beam(1.0, 3.0, 1.0, 2, {"left": "clamped"}, name="shaft")
+    effects = [
+        vf.Friction(block, coefficient=0.2, normal=2.0, name="plane"),
+        vf.Friction(shaft.at(1.0), coefficient=0.1, normal=2.0, of="rotation", name="bushing"),
+        vf.PointLoad(block, vf.Sine(4.0, 3.0)),
+        vf.PointLoad(shaft.at(1.0), vf.Sine(4.0, 3.0)),
+    ]
+    result = run(vf.Scene([block, shaft], effects), 2.0, np.linspace(0.0, 2.0, 41))
+    path = result.save(tmp_path / "run.vtkhdf", frames=1)
+    data, frame = result.to_xarray(), result.to_dataframe()
+    write_csv(result, [block], tmp_path / "run.csv")
+    lines = (tmp_path / "run.csv").read_text().splitlines()
+    with xarray.open_dataset(path, group="history", engine="h5netcdf") as stored:
+        assert stored.friction_status.attrs == data.friction_status.attrs
+        for name, unit, speed in (("plane", "N", "m/s"), ("bushing", "N m", "rad/s")):
+            history = result.frictions[name]
+            for what in ("force", "slip_speed", "status", "dissipated"):
+                values = getattr(history, what)
+                assert np.ptp(values) > 0.0
+                for found in (data, stored):
+                    np.testing.assert_array_equal(found[f"friction_{what}"].sel(friction=name), values)
+            np.testing.assert_array_equal(frame[f"{name} force [{unit}]"], history.force)
+            np.testing.assert_array_equal(frame[f"{name} slip speed [{speed}]"], history.slip_speed)
+            column = lines[0].split(",").index(f"{name} slip speed [{speed}]")
+            assert [float(line.split(",")[column]) for line in lines[1:]] == history.slip_speed.tolist()
+        assert stored.friction_dissipated.attrs == {"units": "J"}
 
 
 def test_an_interrupted_run_continues_with_the_same_bits() -> None:

@@ -135,6 +135,51 @@ def test_a_beam_with_modal_damping_has_the_multipliers_of_differences() -> None:
         assert d.multipliers[0, k] == pytest.approx((values[0] - values[1]) / (2.0 * h), rel=1e-4)
 
 
+@pytest.mark.parametrize("hits", [False, True])
+def test_an_orbit_with_a_pinned_contact_has_the_multipliers_of_differences(hits: bool) -> None:
+    """A mass that is pressed against a beam stays at its gap; in the second case the tip hits a stop meanwhile."""
+
+    def scene(mass: float = 0.4, x: float = 0.4, rho: float = 1.0, stiffness: float = 200.0) -> vf.Scene:
+        beam = vf.Beam(1.0, EI=10.0, rhoA=rho, elements=2, supports={"left": "clamped"}, name="beam")
+        ball = vf.Mass(mass, stiffness=30.0, damping=0.6, name="ball")
+        effects = [
+            vf.Contact(beam.at(x), ball, gap=0.02, stiffness=6000.0, damping=1.0, acts_on="displacement", name="pin"),
+            vf.Contact(beam.at(1.0), gap=0.3 if hits else 9.0, stiffness=stiffness, damping=0.5, side="below",
+                       acts_on="penetration", name="stop"),
+            vf.PointLoad(ball, -20.0), vf.PointLoad(beam.at(1.0), vf.Sine(3.0, 9.0), name="load"),
+            vf.RayleighDamping(0.8, 1e-4),
+        ]  # fmt: skip
+        return vf.Scene([beam, ball], effects, initial={ball: (-0.02, 0.0)})
+
+    base = {"mass": 0.4, "x": 0.4, "rho": 1.0, "stiffness": 200.0}
+    first = vf.periodic(scene(), guess=vf.simulate(scene(), 10.0, method="event_driven"), method="shooting")
+    assert np.allclose(first.result.contacts["pin"].pinned, [[0.0, first.period]])
+    assert (first.result.counters.events > 0) == hits
+    names = {"mass": ("ball", "mass"), "x": ("pin", "a.x"), "rho": ("beam", "rhoA"), "stiffness": ("stop", "stiffness")}
+    found = sensitivities(first, [Parameter(*place) for place in names.values()]).multipliers
+    known = first.multipliers
+    assert known is not None
+    clear = np.abs(known) > 1e-4
+    assert np.count_nonzero(clear) >= 4
+    lost = np.argsort(np.abs(known))[:2]
+    assert np.all(found[lost] == 0.0)
+
+    def moved(name: str, step: float) -> np.ndarray:
+        changed = scene(**{**base, name: base[name] + step})
+        guess = vf.simulate(changed, 10.0, method="event_driven")
+        values = vf.periodic(changed, guess=guess, method="shooting").multipliers
+        assert values is not None
+        return np.array([values[np.argmin(np.abs(values - one))] for one in known])
+
+    for k, name in enumerate(base):
+        if name not in (("x", "stiffness") if hits else ("mass", "x")):
+            continue
+        h = 2e-4 * base[name]
+        one, two = ((moved(name, s) - moved(name, -s)) / (2.0 * s) for s in (h, 0.5 * h))
+        expected = (4.0 * two - one) / 3.0
+        assert off(found[clear, k], expected[clear]) < 2e-8
+
+
 def test_what_has_no_derivative_is_refused_by_name() -> None:
     data = DATA["P1"]["orbits"][1]
     scene = scene_of(data["point"], data["point"]["om"])

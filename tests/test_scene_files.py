@@ -17,7 +17,7 @@ from scenes import cantilever, paper_beam
 import vofem as vf
 from vofem.files import toml_text
 from vofem.io.scene_file import OutputSettings, RunSettings, UniformTimes, scene_to_toml
-from vofem.io.scenes.schema import BODIES, EFFECTS, keys, read_table
+from vofem.io.scenes.schema import BODIES, EFFECTS, json_schema, keys, read_table
 from vofem.parameters import Real, declarations
 from vofem.parameters.place import Book, Place
 from vofem.time_functions import OfTime, Scaled, Sum
@@ -664,3 +664,64 @@ def test_starts_from_outcomes_are_refused_by_name():
     rest = vf.equilibrium(vf.Scene([beam], [vf.Gravity()]))
     with pytest.raises(vf.SceneFileError, match=r"initial\.deck: Equilibrium cannot be written to a scene file"):
         scene_to_toml(vf.Scene([beam], initial={beam: rest}))
+
+
+# -- the schema -------------------------------------------------------------------------------------
+
+
+KINDS = {
+    "number": (int, float),
+    "integer": (int,),
+    "string": (str,),
+    "array": (list,),
+    "object": (dict,),
+    "boolean": (bool,),
+}
+
+
+def fits(value, schema, named):
+    """Return whether a value of a TOML file fits to a part of the schema, as far as the words go that it uses."""
+    if "$ref" in schema:
+        return fits(value, named[schema["$ref"].removeprefix("#/$defs/")], named)
+    if "anyOf" in schema:
+        return any(fits(value, part, named) for part in schema["anyOf"])
+    wanted = schema.get("type", list(KINDS))
+    if not any(isinstance(value, KINDS[one]) for one in ([wanted] if isinstance(wanted, str) else wanted)):
+        return False
+    if isinstance(value, list):
+        return all(fits(part, schema.get("items", {}), named) for part in value)
+    if not isinstance(value, dict):
+        return value in schema.get("enum", (value,))
+    own, others = schema.get("properties", {}), schema.get("additionalProperties", {})
+    return set(schema.get("required", ())) <= set(value) and all(
+        fits(part, own[key], named) if key in own else others is not False and fits(part, others, named)
+        for key, part in value.items()
+    )
+
+
+def test_the_schema_takes_files_that_are_written_and_refuses_faults():
+    beam = vf.Beam(2.0, 50.0, 1.0, 4, {"left": "pinned", "right": "pinned"}, name="bridge")
+    wheel = vf.Mass(1.0, name="wheel")
+    path = vf.Path(1.5, acceleration=0.1, profile=vf.Polynomial((0.0, 0.01)), ends="rigid")
+    whole = json_schema()
+
+    def taken(content):
+        return fits(content, whole, whole["$defs"])
+
+    effects = [
+        vf.PointLoad(beam.along(vf.Path(2.0)), vf.Sine(1.0, 3.0)),
+        vf.Contact(beam.along(path), wheel, gap=0.0, stiffness=1e4, acts_on="penetration", name="tyre"),
+        vf.PointMoment(beam.at(1.0), 0.1),
+    ]
+    written = tomllib.loads(scene_to_toml(vf.Scene([beam, wheel], effects)))
+    assert "path" in written["contact"][0]["a"]
+    assert taken(written)
+    for name in ("cantilever", "cantilever_from_mesh", "two_masses", "two_masses_response"):
+        assert taken(tomllib.loads((MESHES.parent / "examples" / f"{name}.toml").read_text())), name
+    for table, changed in (
+        ("contact", {"a": {"body": "bridge", "path": {"sped": 1.0}}}),
+        ("contact", {"a": {"body": "bridge", "path": {"speed": 1.0}, "at": 1.0}}),
+        ("point_moment", {"point": {"body": "bridge", "path": {"speed": 1.0}}}),
+        ("point_load", {"f": "one"}),
+    ):
+        assert not taken(written | {table: [written[table][0] | changed]}), changed

@@ -237,7 +237,8 @@ class Result(Shown, Motion):
     def to_dataframe(self, points: Mapping[str, Any] | Iterable[Any] | None = None) -> Any:
         """Return histories as a `pandas.DataFrame` with one row for each of `times` and units in the column names.
 
-        The columns are displacement and velocity of points, force and K_eq of contacts, and energies.
+        The columns are displacement and velocity of points, force and K_eq of contacts, force and slip speed of
+        sliders, and energies.
 
         Parameters
         ----------

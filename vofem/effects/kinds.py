@@ -165,7 +165,7 @@ class AtPoint(Kind):
 
     def described(self) -> dict[str, Any]:
         """Return a text or a table."""
-        return {"$ref": "#/$defs/point", **super().described()}
+        return {"$ref": f"#/$defs/{'travelling_point' if self.travels else 'point'}", **super().described()}
 
 
 class Acting:

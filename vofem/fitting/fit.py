@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -63,12 +65,14 @@ class FitStart:
     chi2: float
 
 
+@dataclass(eq=False, repr=False)
 class Fit(Shown):
     """The outcome of `fit`.
 
     Attributes
     ----------
     parameters : tuple of Parameter
+        Of `scene`, in the order in which they were given.
     values, deviation : ndarray, shape (p,)
         Estimates, and their standard deviations; NaN for parameters that the data do not determine.
     covariance : ndarray, shape (p, p)
@@ -90,38 +94,24 @@ class Fit(Shown):
     runs : int
         Number of evaluations of the model, of the best start.
     data : tuple
-        The data.
+        The data. Those of a fit from a file can be drawn, but not fitted again.
     notes : list of str
         Sentences that a user should read.
     """
 
-    def __init__(
-        self,
-        parameters: tuple[Parameter, ...],
-        data: tuple[Data, ...],
-        problem: _Problem,
-        starts: tuple[FitStart, ...],
-        solved: _Solved,
-    ) -> None:
-        self.parameters, self.data, self.starts, self.until = parameters, data, starts, solved.until
-        p = len(parameters)
-        self.values, self.offsets = solved.x[:p], solved.x[p:]
-        self.scene = problem.scene_of(solved.x)
-        self.residuals = solved.residuals
-        self.chi2, self.runs = solved.chi2, solved.runs
-        self.notes: list[str] = list(solved.notes)
-        self.covariance, poor = _covariance(solved, p, problem.noise_is_known, self.residuals.size)
-        self.not_identifiable = [parameters[k].name for k in poor]
-        if poor:
-            self.notes.append(
-                f"not identifiable: the data do not determine {', '.join(self.not_identifiable)}; give other data, or "
-                "leave these parameters out"
-            )
-        low, high = problem.bounds
-        for k, parameter in enumerate(parameters):
-            size = max(abs(self.values[k]), 1e-300)
-            if min(self.values[k] - low[k], high[k] - self.values[k]) <= 1e-9 * size:
-                self.notes.append(f"bound: {parameter.name} lies at a bound, {self.values[k]:.6g}")
+    parameters: tuple[Parameter, ...]
+    data: tuple[Data, ...]
+    scene: Scene
+    starts: tuple[FitStart, ...]
+    values: Array
+    offsets: Array
+    covariance: Array
+    not_identifiable: list[str]
+    residuals: Array
+    chi2: float
+    until: float
+    runs: int
+    notes: list[str]
 
     @property
     def deviation(self) -> Array:
@@ -147,6 +137,51 @@ class Fit(Shown):
                     names = f"{self.parameters[j].name}, {self.parameters[k].name}"
                     lines.append(f"  correlation of {names}: {share:.3f}")
         return "\n".join([*lines, *self.notes])
+
+    def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+        """Write the fit with its scene and its data to one file, from which `vofem.load` restores it.
+
+        Parameters
+        ----------
+        path : path
+            Name of the file; it ends in .h5 or .hdf.
+        overwrite : bool
+            Whether an existing file of that name is replaced.
+
+        Raises
+        ------
+        ArgumentError
+            If the suffix is another one.
+        OutputError
+            If the file exists and is not to be overwritten, or cannot be written.
+        """
+        # Late, because fits know no file format.
+        from vofem.io.storage.fit_file import save
+
+        return save(self, path, overwrite=overwrite)
+
+
+def _outcome(data: tuple[Data, ...], problem: _Problem, starts: tuple[FitStart, ...], solved: _Solved) -> Fit:
+    """Return the fit that a solution is, with notes about what the data do not determine."""
+    scene, p = problem.scene_of(solved.x), len(problem.parameters)
+    parameters = tuple(parameter.carried(problem.scene, scene) for parameter in problem.parameters)
+    values, notes = solved.x[:p], list(solved.notes)
+    covariance, poor = _covariance(solved, p, problem.noise_is_known, solved.residuals.size)
+    lost = [parameters[k].name for k in poor]
+    if lost:
+        notes.append(
+            f"not identifiable: the data do not determine {', '.join(lost)}; give other data, or leave these "
+            "parameters out"
+        )
+    low, high = problem.bounds
+    for k, parameter in enumerate(parameters):
+        size = max(abs(values[k]), 1e-300)
+        if min(values[k] - low[k], high[k] - values[k]) <= 1e-9 * size:
+            notes.append(f"bound: {parameter.name} lies at a bound, {values[k]:.6g}")
+    return Fit(
+        parameters, data, scene, starts, values, solved.x[p:], covariance, lost, solved.residuals, solved.chi2,
+        solved.until, solved.runs, notes,
+    )  # fmt: skip
 
 
 @dataclass
@@ -389,7 +424,7 @@ def fit(
     if not found:
         raise ConvergenceError(f"fit: none of {starts} starts led to a solution; the first one ended with: {failure}")
     found.sort(key=lambda pair: pair[0].chi2)
-    return Fit(chosen, several, problem, tuple(start for start, _ in found), found[0][1])
+    return _outcome(several, problem, tuple(start for start, _ in found), found[0][1])
 
 
 def _windows(horizon: Any, end: float) -> list[float]:

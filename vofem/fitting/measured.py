@@ -127,6 +127,55 @@ class Data:
         raise NotImplementedError
 
 
+class StoredData(Data):
+    """Data of a fit that was read from a file: its numbers, and not the point or the contact that was measured.
+
+    Attributes
+    ----------
+    described : str
+        What `describe` returns.
+    where : ndarray, shape (n,)
+        Where the values are drawn.
+    within : ndarray of bool, shape (n,)
+        Which values the fit has used.
+    """
+
+    def __init__(
+        self,
+        described: str,
+        values: Array,
+        noise: Array | None,
+        offset: bool,
+        times: Array | None,
+        unit: str,
+        along: str,
+        where: Array,
+        within: NDArray[np.bool_],
+    ) -> None:
+        self.described, self.values, self.noise, self.offset, self.times = described, values, noise, offset, times
+        self.unit, self.along, self.where, self.within = unit, along, where, within  # type: ignore[misc]
+
+    @property
+    def places(self) -> Array:
+        """Where the values are drawn, shape (n,)."""
+        return self.where
+
+    def describe(self) -> str:
+        """Return what was measured."""
+        return self.described
+
+    def used(self, until: float) -> NDArray[np.bool_]:
+        """Return which values the fit has used, shape (n,)."""
+        return self.within
+
+    def model(self, trial: Trial) -> Array:
+        """Refuse."""
+        raise ArgumentError(
+            f"{self.described}: data of a fit from a file have their numbers only; to fit them, make them again, as in "
+            "vofem.Measured(point, data.places, data.values)"
+        )
+
+
 class Measured(Data):
     """The measured motion of a point.
 

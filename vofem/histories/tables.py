@@ -23,7 +23,11 @@ Array = NDArray[np.float64]
 MOST = 6
 
 #: Which variables are columns of data frames and of CSV files, by what they are counted.
-_COLUMNS = {"point": ("displacement", "velocity"), "contact": ("contact_force", "contact_stiffness")}
+_COLUMNS = {
+    "point": ("displacement", "velocity"),
+    "contact": ("contact_force", "contact_stiffness"),
+    "friction": ("friction_force", "friction_slip_speed"),
+}
 
 _STATUS = {OPEN: "opens", CLOSED: "closes", PINNED: "is pinned"}
 
@@ -58,14 +62,17 @@ def named_points(what: str, scene: Scene, points: Mapping[str, Any] | Iterable[A
 
 
 def history_columns(run: Tabulated, points: dict[str, Any]) -> dict[str, tuple[NDArray, str]]:
-    """Return values and units at the times of a run, of `histories`: motion of points, force and K_eq of contacts."""
+    """Return values and units at the times of a run, of `histories`.
+
+    These are the motion of points, force and K_eq of contacts, and force and slip speed of sliders.
+    """
     found = motion_and_contacts(run, points)
     columns: dict[str, tuple[NDArray, str]] = {}
     for over, names in _COLUMNS.items():
         values = {name: found[name].at() for name in names if name in found}
         for k, label in enumerate(found[over].at().tolist() if values else ()):
             for name, block in values.items():
-                columns[f"{label} {name.removeprefix('contact_')}"] = block[:, k], found[name].unit(k)
+                columns[f"{label} {name.removeprefix(f'{over}_').replace('_', ' ')}"] = block[:, k], found[name].unit(k)
     return columns
 
 

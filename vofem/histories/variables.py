@@ -13,6 +13,7 @@ from vofem.bodies.base import Body
 from vofem.effects.two_points import units_of
 from vofem.histories.contact import ContactHistory
 from vofem.histories.energy import Energy
+from vofem.histories.friction import FrictionHistory
 from vofem.histories.reaction import Reaction
 from vofem.histories.run import Run
 from vofem.histories.spring import SpringHistory
@@ -44,6 +45,10 @@ class Tabulated(Run, Protocol):
     @property
     def springs(self) -> Mapping[str, SpringHistory]:
         """Histories of hysteretic springs by name."""
+
+    @property
+    def frictions(self) -> Mapping[str, FrictionHistory]:
+        """Histories of sliders by name."""
 
     @property
     def recorded(self) -> ProbeSamples | None:
@@ -94,8 +99,9 @@ class Variable:
 
 
 def motion_and_contacts(run: Tabulated, points: dict[str, Any]) -> dict[str, Variable]:
-    """Return the motion of some points and the histories of contacts."""
-    return (_motion(run, points) if points else {}) | (_contacts(run) if run.contacts else {})
+    """Return the motion of some points and the histories of contacts and of sliders."""
+    found = (_motion(run, points) if points else {}) | (_contacts(run) if run.contacts else {})
+    return found | (_frictions(run) if run.frictions else {})
 
 
 def histories(run: Tabulated, points: dict[str, Any]) -> dict[str, Variable]:
@@ -165,6 +171,22 @@ def _contacts(run: Tabulated) -> dict[str, Variable]:
         ),
         "contact_gap_function": Variable(over, gap_function, {"units": length, "long_name": "penetration"}),
     }
+
+
+def _frictions(run: Tabulated) -> dict[str, Variable]:
+    sliders = list(run.frictions.values())
+    forces, speeds = [one.units.force for one in sliders], [f"{one.units.coordinate}/s" for one in sliders]
+    status = {"long_name": "0 sticks, 1 slides with a positive slip speed, -1 with a negative one"}
+    found = {"friction": Variable(("friction",), np.array([one.name for one in sliders]))}
+    for what, words, each in (
+        ("force", {"units": _common(forces), "long_name": "force on a against the slip speed"}, forces),
+        ("slip_speed", {"units": _common(speeds)}, speeds),
+        ("status", status, ()),
+        ("dissipated", {"units": "J"}, ()),
+    ):
+        values = np.stack([getattr(one, what) for one in sliders], axis=1)
+        found[f"friction_{what}"] = Variable(("time", "friction"), values, words, each)
+    return found
 
 
 def _springs(run: Tabulated) -> dict[str, Variable]:

@@ -15,7 +15,7 @@ from vofem.result import Result
 
 
 def write_csv(result: Result, points: Mapping[str, Any] | Iterable[Any], path: str | os.PathLike[str]) -> Path:
-    """Write displacement and velocity of points, and force and K_eq of contacts, at the times of the run.
+    """Write the motion of points, force and K_eq of contacts, and force and slip speed of sliders, at the run's times.
 
     Parameters
     ----------

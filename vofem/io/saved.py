@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
-    """Read a file that `Result.save`, `Branch.save`, `Locus.save` or `vofem.sweep` has written.
+    """Read a file that `Result.save`, `Branch.save`, `Locus.save`, `Fit.save` or `vofem.sweep` has written.
 
     Every quantity at `times` is the same as before, to the last bit. For an
     event-driven run this also holds at other times, on a machine with the same
@@ -33,12 +33,12 @@ def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
     path : path
         Name of the file.
     scene : Scene, optional
-        The scene of the run, made again in Python. It takes the place of the scene
-        in the file.
+        The scene of the run or of the fit, made again in Python. It takes the place of
+        the scene in the file.
 
     Returns
     -------
-    Result, Branch, Locus or Sweep
+    Result, Branch, Locus, Fit or Sweep
         Of the store of a sweep its table, with all rows that are stored. The function is not in the file.
 
     Raises
@@ -51,10 +51,12 @@ def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
         If the run has bodies or effects of other classes and the scene was not given.
     """
     from vofem.files.hdf5 import reading
-    from vofem.io.storage import branch_file, run_file
+    from vofem.io.storage import branch_file, fit_file, run_file
     from vofem.studies.sweep.store import holds, stored_sweep
 
     with reading(path) as file:
+        if fit_file.holds(file):
+            return fit_file.read(file, scene)
         if not holds(file):
             what = branch_file.holds(file)
             if not what:

@@ -211,7 +211,7 @@ class StatusEquation:
                     both = both + both.T
                     stiffness, damping = (stiffness + both, damping) if target == 0 else (stiffness, damping + both)
                 push = push + (k * gap) @ moved
-        inverse = self._inverse(change)
+        inverse = self.inverse_change(change)
         if not touched and inverse is None:
             return None, None, push
         lower = np.hstack([-stiffness / modal.scale, -damping])
@@ -223,7 +223,7 @@ class StatusEquation:
         matrix[n:] = lower
         return matrix, inverse, push
 
-    def _inverse(self, change: ModalChange) -> Array | None:
+    def inverse_change(self, change: ModalChange) -> Array | None:
         """Return the derivative of what takes forces to accelerations, shape (n, n)."""
         if self.project is None:
             return None if change.mass is None else -change.mass

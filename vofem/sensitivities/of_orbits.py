@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -130,7 +131,15 @@ class OrbitSensitivities(MotionSensitivities):
     @cached_property
     @one_thread
     def multipliers(self) -> Complex:
-        """Of the Floquet multipliers, in the order of `PeriodicOrbit.multipliers`, shape (m, p); NaN for equal ones."""
+        """Of the Floquet multipliers, in the order of `PeriodicOrbit.multipliers`, shape (m, p); NaN for equal ones.
+
+        A contact that stays pinned makes two multipliers zero, whose derivatives are zero.
+
+        Raises
+        ------
+        MethodError
+            If a contact is pinned for a part of the orbit only.
+        """
         changes = self._monodromy_changes()
         values, right = np.linalg.eig(self.monodromy)
         left = np.linalg.inv(right)
@@ -142,19 +151,24 @@ class OrbitSensitivities(MotionSensitivities):
         for k in range(values.size):
             if np.any(np.abs(np.delete(values, k) - values[k]) <= _SAME * size):
                 moved[k] = np.nan
+        # A pinned contact forgets its displacement and its rate.
+        lost = 2 * int(np.count_nonzero(self._forward.segments.status[0] == PINNED))
+        moved[np.argsort(np.abs(values))[:lost]] = 0.0
         return np.asarray(moved[order])
 
     def _monodromy_changes(self) -> list[Array]:
         """Return the derivatives of the monodromy matrix along the orbits, each (2n, 2n): the product rule."""
         forward, p = self._forward, len(self.parameters)
-        n = self._modal.size
-        times = self._total(forward.event_times)
-        product, changes = np.eye(2 * n), [np.zeros((2 * n, 2 * n)) for _ in range(p)]
+        times, pinned = self._total(forward.event_times), forward.segments.status == PINNED
+        if np.any(pinned != pinned[0]):
+            raise MethodError(
+                "sensitivities: a contact is pinned for a part of this orbit only; impacts that accumulate have no "
+                "second derivatives, which multipliers need; take differences of PeriodicOrbit.multipliers"
+            )
+        product, changes = self._tangent()
         began = np.zeros(p)
         last = forward.starts.size - 1
         for index in range(forward.starts.size):
-            if np.any(forward.segments.status[index] == PINNED):
-                raise MethodError("sensitivities: multipliers of orbits with pinned contacts have no derivatives here")
             matrix = forward.flow(forward.segments.status[index]).equation.matrix
             whole, parts = forward.closed(index).transitions()
             passage = forward.passages.get(index)
@@ -175,6 +189,23 @@ class OrbitSensitivities(MotionSensitivities):
             began = ended
         return changes
 
+    def _tangent(self) -> tuple[Array, list[Array]]:
+        """Return the projection onto states that keep pinned contacts at their gaps, and its derivatives (2n, 2n)."""
+        forward, scale, n = self._forward, self._modal.scale, self._modal.size
+        equation = forward.flow(forward.segments.status[0]).equation
+
+        def of_states(part: Array | None) -> Array:
+            found = np.zeros((2 * n, 2 * n))
+            if part is not None:
+                found[:n, :n], found[n:, n:] = scale[:, None] * part / scale, part
+            return found
+
+        if equation.project is None:
+            return np.eye(2 * n), [of_states(None) for _ in self.parameters]
+        # Only the rows of contacts turn the space of these states; masses do not.
+        moved = [replace(change, mass=None) for change in forward.changes[: len(self.parameters)]]
+        return of_states(equation.project), [of_states(equation.inverse_change(change)) for change in moved]
+
     def _jumps(self, index: int, times: Array) -> tuple[Array, list[Array]]:
         """Return the saltation matrix after a segment and its derivatives, each (2n, 2n)."""
         forward, modal = self._forward, self._modal
@@ -194,7 +225,8 @@ class OrbitSensitivities(MotionSensitivities):
             rate = float(row @ velocity)
             lever = laws.stiffness[j] * (laws.gap[j] - laws.offset[j])
             gain = forward.saltation(j, rate)
-            whole[n:, :n] -= sign * gain * np.outer(row, row / modal.scale)
+            push = row if equation.project is None else equation.project @ row
+            whole[n:, :n] -= sign * gain * np.outer(push, row / modal.scale)
             for k in range(p):
                 change = forward.changes[k]
                 gain_p = change.change.contact_damping[j]
@@ -205,8 +237,10 @@ class OrbitSensitivities(MotionSensitivities):
                     )
                     rate_p = float(row @ (ends[n:, k] + acceleration * times[number, k]) + moved @ velocity)
                     gain_p += lever_p / rate - lever * rate_p / rate**2
-                push_p = moved if change.mass is None else moved - change.mass @ row
-                part = gain_p * np.outer(row, row) + gain * (np.outer(push_p, row) + np.outer(row, moved))
+                push_p = moved if equation.project is None else equation.project @ moved
+                if (inverse := equation.inverse_change(change)) is not None:
+                    push_p = push_p + inverse @ row
+                part = gain_p * np.outer(push, row) + gain * (np.outer(push_p, row) + np.outer(push, moved))
                 parts[k][n:, :n] -= sign * part / modal.scale
         return whole, parts
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from vofem import effects
-from vofem.bodies import Beam, Mass
+from vofem.bodies import Beam, Mass, Path
 from vofem.io.scenes.beam import KEYS, MESH, read_beam, values_of_beam
 from vofem.parameters.declared import (
     is_declared,
@@ -67,6 +67,8 @@ def json_schema() -> dict[str, Any]:
              "additionalProperties": False}  # fmt: skip
     at = {"type": "object", "properties": {"body": {"type": "string"}, "at": {"type": ["number", "string"]}},
           "required": ["body"], "additionalProperties": False}  # fmt: skip
+    along = {"type": "object", "properties": {"body": {"type": "string"}, "path": schema_of(Path)},
+             "required": ["body", "path"], "additionalProperties": False}  # fmt: skip
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Scene file of vofem",
@@ -75,5 +77,6 @@ def json_schema() -> dict[str, Any]:
         "$defs": {
             "function_of_time": {"anyOf": [{"type": "number"}, named]},
             "point": {"anyOf": [{"type": "string"}, at]},
+            "travelling_point": {"anyOf": [{"$ref": "#/$defs/point"}, along]},
         },
     }
