@@ -629,7 +629,7 @@ def test_files_and_constructors_refuse_the_same_numbers(cls, key, value):
                "one_sided": True, "memory": "cyclic", "elongation": [1.0, 2.0], "force": [2.0, 3.0]}  # fmt: skip
     written = {**samples, "a": "b@1.0", "point": "b@1.0", "beam": "b", "body": "b"}
     known = declarations(cls)
-    needed = [name for name, one in known.items() if one.needed or name in ("side", "one_sided")]
+    needed = [name for name, one in known.items() if one.needed or name in ("side", "one_sided", "normal")]
     book = Book(Path(), {"b": beam})
     read_table(cls, {**{name: written.get(name, 0.5) for name in needed}, key: value}, Place(book, "table"))
     try:

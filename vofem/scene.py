@@ -14,6 +14,7 @@ from vofem.bodies.base import Body
 from vofem.cards import Shown
 from vofem.effects.base_motion import BaseMotion
 from vofem.effects.contact import Contact
+from vofem.effects.friction import Friction
 from vofem.effects.rigid_stop import RigidStop
 from vofem.errors import ArgumentError, VofemError
 from vofem.initial import Initial, StateSource
@@ -92,6 +93,7 @@ class Scene(Shown):
         self._check_names("bodies", [body.name for body in self.bodies])
         self._check_names("contacts", [contact.name for contact in self.contacts])
         self._check_bases()
+        self._check_pressing()
         self._initial = Initial("Scene", self.bodies, initial)
         present = set(self.bodies)
         for effect in self.effects:
@@ -116,6 +118,20 @@ class Scene(Shown):
                 raise ArgumentError(
                     f"{effect.describe()}: it joins bodies of which only one has this BaseMotion; displacements are "
                     "counted from the base, so give both bodies the same acceleration"
+                )
+
+    def _check_pressing(self) -> None:
+        """Raise where friction is pressed by a contact that the scene does not hold."""
+        for effect in self.effects:
+            if not isinstance(effect, Friction) or effect.pressing is None:
+                continue
+            pressing = effect.pressing
+            known = tuple(contact.name for contact in self.contacts if isinstance(contact, Contact))
+            held = any(effect.contact is contact for contact in self.contacts)
+            if pressing not in known or not (held or isinstance(effect.contact, str)):
+                raise ArgumentError(
+                    f"Friction {effect.name!r}: the scene has no contact {pressing!r} to press it; it has "
+                    f"{', '.join(map(repr, known)) or 'none'}{nearest(pressing, known)}; add the contact to effects"
                 )
 
     @staticmethod

@@ -188,7 +188,7 @@ class System:
 
     @property
     def sliders(self) -> FrictionLaws | None:
-        """The sliders; None where there are none. Only `event_driven` treats them."""
+        """The sliders; None where there are none."""
         return next((group for group in self.laws if isinstance(group, FrictionLaws)), None)
 
     @property

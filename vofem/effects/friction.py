@@ -2,34 +2,71 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY
-from typing import Annotated
+from dataclasses import KW_ONLY, dataclass
+from typing import Annotated, Any
 
 import numpy as np
 
 from vofem._validate import wrong
 from vofem.assembly import SystemBuilder
+from vofem.effects.contact import Contact
 from vofem.effects.kinds import Named
 from vofem.effects.side import distinct
 from vofem.effects.two_points import TwoPoints
+from vofem.errors import ArgumentError
 from vofem.laws.friction import FrictionLaw
-from vofem.parameters import CHOSEN, Real, declared, label_of, rule
+from vofem.parameters import CHOSEN, Kind, Name, Real, declared, label_of, rule
+from vofem.parameters.place import Book, Place
 from vofem.time_functions.base import OfTime, TimeFunction
+
+_NAME = Name()
+
+
+@dataclass(frozen=True)
+class OfContact(Kind):
+    """A contact, or its name; in scene files its name."""
+
+    text: str = ""
+
+    shown = "Contact or str"
+    expected = "a Contact, or the name of one"
+
+    def check(self, what: str, value: Any) -> Contact | str:
+        """Return the contact or the name."""
+        if isinstance(value, Contact):
+            return value
+        if not isinstance(value, str) or not value:
+            raise ArgumentError(f"{what} is {value!r}, expected {self.expected}")
+        return value
+
+    def read(self, value: Any, place: Place) -> Any:
+        """Return the name."""
+        return _NAME.read(value, place)
+
+    def write(self, value: Any, book: Book) -> str:
+        """Return the name."""
+        return _NAME.write(value.name if isinstance(value, Contact) else value, book)
+
+    def described(self) -> dict[str, Any]:
+        """Return a name."""
+        return {"type": "string", **super().described()}
 
 
 @declared()
 class Friction(TwoPoints):
-    """Coulomb friction under a constant normal force, for ``method="event_driven"``.
+    """Coulomb friction under a constant normal force, or under the force of a contact.
 
     The slip speed is ``w = v_a - v_b - belt``. While it slides, the force on a is ``coefficient * normal`` against w.
     While it sticks, w is zero exactly, and the force is the reaction that keeps it so; sticking ends where the reaction
     reaches ``static * normal``. With `stiffness` the slider is behind a spring (a Jenkins element): while it sticks,
-    w stretches the spring. `result.frictions` has the histories.
+    w stretches the spring. `result.frictions` has the histories. The methods ``"event_driven"``, for a constant normal
+    force, and ``"energy_conserving"`` treat sliders.
 
     Raises
     ------
     ArgumentError
-        If `static` is below `coefficient`, or a value is out of range.
+        If not exactly one of `normal` and `contact` is given, if `static` is below `coefficient`, or if a value is out
+        of range.
 
     References
     ----------
@@ -41,9 +78,16 @@ class Friction(TwoPoints):
 
     _: KW_ONLY
     coefficient: Annotated[float, Real("", "Coefficient of friction while it slides.", above=0.0)]
-    normal: Annotated[float, Real("N", "Normal force.", above=0.0)]
     static: Annotated[
         float | None, Real("", "Coefficient at break-away, not below `coefficient`, which is the default.", above=0.0)
+    ] = None
+    normal: Annotated[float | None, Real("N", "Normal force, if it is constant.", above=0.0)] = None
+    contact: Annotated[
+        Contact | str | None,
+        OfContact(
+            "`Contact` whose force presses, or its name; ``N = max(force, 0)``. Give either this or `normal`. Only "
+            '``"energy_conserving"`` treats it, without `stiffness`.'
+        ),
     ] = None
     stiffness: Annotated[
         float | None, Real("N/m", "Stiffness of the spring in series. Without it sticking is rigid.", above=0.0)
@@ -57,6 +101,15 @@ class Friction(TwoPoints):
     def _points_differ(self) -> None:
         distinct(label_of(self), self.a, self.b)
 
+    @rule("normal", "contact")
+    def _pressed_once(self) -> None:
+        if (self.normal is None) == (self.contact is None):
+            found = "neither" if self.normal is None else "both"
+            raise ArgumentError(
+                f"{label_of(self)}: {found} of normal and contact is given, expected one of them: normal=5.0 for a "
+                "constant force in N, or contact= with a Contact, or its name, for the force of that contact"
+            )
+
     @rule("static", "coefficient")
     def _harder_to_start(self) -> None:
         if self.static is not None and self.static < self.coefficient:
@@ -69,18 +122,25 @@ class Friction(TwoPoints):
         """Add row and law."""
         static = self.coefficient if self.static is None else self.static
         belt = self.belt if isinstance(self.belt, TimeFunction) else None
+        normal = 1.0 if self.normal is None else self.normal
         law = FrictionLaw(
-            self.name, label_of(self), self.coefficient * self.normal, static * self.normal,
-            np.inf if self.stiffness is None else self.stiffness, belt, self.normal,
+            self.name, label_of(self), self.coefficient * normal, static * normal,
+            np.inf if self.stiffness is None else self.stiffness, belt, normal, self.pressing,
         )  # fmt: skip
         builder.add_law(self._row(builder), law)
+
+    @property
+    def pressing(self) -> str | None:
+        """The name of the contact that presses; None where the normal force is constant."""
+        return self.contact.name if isinstance(self.contact, Contact) else self.contact
 
     def describe(self) -> str:
         """Return points and numbers."""
         static = "" if self.static is None else f", {self.static:g} at break-away"
         spring = "" if self.stiffness is None else f", behind {self.stiffness:g} {self.units.stiffness}"
         belt = "" if self.belt is None else f", on a belt of speed {self.belt!r}"
+        pressed = f"pressed by {self.pressing!r}" if self.normal is None else f"normal force {self.normal:g} N"
         return (
-            f"Friction {self.name!r} from {self._where()}: coefficient {self.coefficient:g}{static}, normal force "
-            f"{self.normal:g} N{spring}{belt}"
+            f"Friction {self.name!r} from {self._where()}: coefficient {self.coefficient:g}{static}, {pressed}"
+            f"{spring}{belt}"
         )

@@ -45,7 +45,7 @@ class FrictionHistory:
 
     @property
     def force(self) -> Array:
-        """Friction force on a against the slip speed, N."""
+        """Friction force on a against the slip speed, N. In time steps it is the mean over the step before."""
         return np.asarray(self._samples.force[self._index])
 
     @property
@@ -66,7 +66,8 @@ class FrictionHistory:
     @property
     def wear_power(self) -> Array:
         """Normal force times slip speed, ``N |w|``, W; the power that becomes heat is `coefficient` times that."""
-        return np.asarray(self._law.normal * np.abs(self.slip_speed))
+        normal = self._law.normal if self._law.contact is None else self._samples.normal[self._index]
+        return np.asarray(normal * np.abs(self.slip_speed))
 
     @cached_property
     def _transitions(self) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,9 @@ from vofem.errors import ArgumentError
 from vofem.integrators.base import ContactSamples, Energies, ProbeSamples, Samples, SpringSamples
 from vofem.kernels.mode import as_it_ran, compiled
 from vofem.system import CLOSED, OPEN, Counters, Events, System
+
+if TYPE_CHECKING:
+    from vofem.integrators.slider_history import SliderHistory, SliderSamples
 
 Array = NDArray[np.float64]
 
@@ -41,6 +44,8 @@ class SteppedSolution:
         Springs with memory at the stored times.
     probes : ProbeSamples, optional
         Points that were recorded at every step.
+    sliders : SliderHistory, optional
+        Sliders after every step.
     compiled : bool
         How the run was computed, and so how contacts are evaluated later.
     """
@@ -57,6 +62,7 @@ class SteppedSolution:
     notes: list[str]
     springs: SpringSamples | None = None
     probes: ProbeSamples | None = None
+    sliders: SliderHistory | None = None
     compiled: bool = field(default_factory=compiled)
 
     continuous: ClassVar[bool] = False
@@ -118,6 +124,20 @@ class SteppedSolution:
         share = np.where(closed, np.where(ideal, 1.0, laws.shares(s)), 0.0)
         force = np.where(closed, share * (laws.elastic(u) + laws.damping[:, None] * rate), 0.0)
         return ContactSamples(np.where(closed, CLOSED, OPEN), share * laws.stiffness[:, None], force)
+
+    def friction(self, times: Array) -> SliderSamples:
+        """Return the sliders at some times."""
+        group = self.system.sliders
+        assert self.sliders is not None
+        assert group is not None
+        belts = [np.zeros(times.size) if law.belt is None else law.belt(times) for law in group.laws]
+        slip = np.asarray(group.rows @ self.sample(times).v) - np.array(belts)
+        return self.sliders.samples(times, slip, np.array([np.isinf(law.stiffness) for law in group.laws]))
+
+    def transitions(self, slider: int) -> tuple[Array, Array]:
+        """Return the times at which sliding ends, reversals included, and those at which sticking ends, s."""
+        assert self.sliders is not None
+        return self.sliders.transitions(slider)
 
     def energies(self, times: Array) -> Energies:
         """Return the stored energies; between stored times they are interpolated linearly."""

@@ -30,7 +30,9 @@ class FrictionLaw:
     belt : TimeFunction, optional
         Speed of the belt, m/s.
     normal : float
-        Normal force, N.
+        Normal force, N; 1 where a contact presses, so that limits are coefficients.
+    contact : str, optional
+        Name of the contact whose force presses.
     """
 
     group: ClassVar[type[LawGroup]]
@@ -42,11 +44,12 @@ class FrictionLaw:
     stiffness: float
     belt: TimeFunction | None
     normal: float
+    contact: str | None = None
 
 
 @dataclass(frozen=True)
 class FrictionLaws(ListedLaws):
-    """Sliders, one per row; only ``event_driven`` treats them."""
+    """Sliders, one per row."""
 
     place: ClassVar[int] = 3
     kind: ClassVar[str] = "friction"
@@ -57,13 +60,20 @@ class FrictionLaws(ListedLaws):
     def nonlinearity(self, method: str) -> str | None:
         """Return why the sliders are not linear while their status lasts: belts whose speed has no closed form."""
         for law in self.laws:
+            if law.contact is not None:
+                return (
+                    f"{law.label} is pressed by the contact {law.contact!r}, so that its matrices are not symmetric, "
+                    f"which {method} does not treat"
+                )
             if law.belt is not None and not law.belt.closed_form:
                 return f"{law.label}: the speed of its belt has no closed form, which {method} needs"
         return None
 
     def refusal(self, what: str) -> str:
         """Return why something cannot treat sliders, and what to do instead."""
-        return f"{what} does not treat {self.labels[0]}; only simulate(method='event_driven') does"
+        pressed = any(law.contact is not None for law in self.laws)
+        only = "'energy_conserving'" if pressed else "'event_driven' or 'energy_conserving'"
+        return f"{what} does not treat {self.labels[0]}; only simulate(method={only}) does"
 
     def statics_refusal(self, path: bool) -> str | None:
         """Return why statics cannot treat sliders: equilibria are not unique."""
@@ -86,6 +96,14 @@ class FrictionLaws(ListedLaws):
     def numbers(self) -> Array:
         """Return all numbers that define the sliders but belts."""
         return np.array([[law.limit, law.static, law.stiffness] for law in self.laws]).ravel()
+
+    def potential(self, u: Array) -> Array:
+        """No energy follows from coordinates."""
+        return np.zeros(u.shape[1])
+
+    def reactions(self, u: Array) -> Array:
+        """No force follows from coordinates."""
+        return np.zeros(u.shape)
 
     @property
     def forms(self) -> tuple[Any, ...]:

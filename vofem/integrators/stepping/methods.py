@@ -73,7 +73,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import number
-from vofem.errors import ArgumentError, StepSizeError
+from vofem.errors import ArgumentError, MethodError, StepSizeError
 from vofem.integrators.base import ProbeRows
 from vofem.integrators.critical_step import critical_step
 from vofem.integrators.method import Method
@@ -257,6 +257,8 @@ def _implicit(method: Method, scheme: Scheme, asked: Asked, blow_up: float, advi
         return _equal(method, scheme, asked, dt, counters, notes, blow_up)
     if dt is not None:
         raise ArgumentError("simulate: dt and tol were both given; tol chooses the steps, leave out dt")
+    if system.sliders is not None:
+        raise MethodError(f"simulate: tol= does not choose steps for {system.sliders.labels[0]}; give dt= instead")
     run = under_tolerance(
         system, start, t_end, method, scheme, asked.tol, counters, asked.resume is not None, asked.observer
     )

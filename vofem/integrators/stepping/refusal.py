@@ -13,8 +13,12 @@ def refusal(system: System) -> str | None:
 
 
 def _slides(system: System) -> str | None:
-    """Return why methods that step in time cannot treat sliders; None without any."""
-    return None if system.sliders is None else system.sliders.refusal("a method that steps in time")
+    """Return why steps that conserve energy cannot treat the sliders; None where they can, and without any."""
+    if system.sliders is None:
+        return None
+    from vofem.integrators.stepping.slide import refusal as of_sliders
+
+    return of_sliders(system.sliders, system)
 
 
 def _rigid(system: System) -> str | None:
@@ -40,4 +44,6 @@ def refused_by_ends(system: System) -> str | None:
             f"{travels} travels along a beam, and steps that conserve energy take its force by the mean over the step; "
             f"choose {advice(conserves=True)}"
         )
+    if system.sliders is not None:
+        return system.sliders.refusal("a method whose laws act by their forces at the ends of steps")
     return refusal(system)

@@ -33,6 +33,7 @@ from vofem.linalg.banded import band_order, band_width, factor, solve, subtract_
 from vofem.system import CLOSED, Counters, Events, State, System
 
 if TYPE_CHECKING:
+    from vofem.integrators.stepping.slide import Sliders
     from vofem.integrators.stepping.travel import Midpoint, Travel
 
 Array = NDArray[np.float64]
@@ -161,7 +162,7 @@ class Run:
         self.over = StepLoads(system, counters)
         self.over.until = t_end
         self.callbacks = callbacks_of(system.laws)
-        every_row = all_rows(system.laws)
+        every_row = all_rows([group for group in system.laws if group is not system.sliders])
         rows = compressed(every_row, order)
         self.rows = None if every_row is None else every_row[:, order].tocsr()
         q, v = start.q[order], start.v[order]
@@ -180,6 +181,12 @@ class Run:
             self.start = State(q[self.back], v[self.back], start.internal)
             at_start, offsets, present = (part[0] for part in self.travel.rows(np.zeros(1)))
             u = np.where(present, at_start @ q + offsets, self.travel.away)
+        self.sliders: Sliders | None = None
+        if system.sliders is not None:
+            from vofem.integrators.stepping.slide import Sliders
+
+            ordinary = np.empty((0, system.size)) if self.rows is None else self.rows.toarray()
+            self.sliders = Sliders(system, ordinary, order, q, v)
         self.laws = LawSet(system.laws, self.callbacks)
         self.laws.load(u, start.internal)
         laws = self.laws.records
@@ -236,7 +243,7 @@ class Run:
         self.counters.factorizations += 1
         factored = factor(a, "the mass matrix" if self.scheme.explicit else "the matrix of a step")
         width = max(width, *(_spread(rows, j) for j in range(m))) if m else width
-        if m == 0 or self.travel is not None:
+        if m == 0 or self.travel is not None or self.sliders is not None:
             return Size(numbers, factored, None, None)
         if _band_pays(self.laws, self.system.size, width):
             return Size(numbers, factored, None, widen(a, width))
@@ -349,6 +356,13 @@ class Run:
             if self.scheme.mean and np.any(forcing.first):
                 shift = forcing.first @ known.shift
         chunk, size = path.steps(t.size), known.size
+        if self.sliders is not None:
+            from vofem.integrators.stepping.slide import advance_sliding
+
+            self.taken, solves, self.driven, self.rubbed = advance_sliding(
+                self.sliders, self._midpoint(dt), self.equations.laws, np.append(t[0] - dt, t), force, chunk
+            )
+            return -1 if self.taken < t.size else solves
         if self.travel is not None:
             from vofem.integrators.stepping.travel import advance_travelling
 
@@ -398,6 +412,12 @@ class Run:
         rows = slice(first + 1, first + count + 1)
         way = u[1:] - u[:-1]
         path.work[rows], path.dissipated[rows] = 0.0, 0.0
+        if self.sliders is not None:
+            # Steps that are cut have several mean velocities; energies were found with these.
+            path.work[rows], path.dissipated[rows] = self.driven[:count], self.rubbed[:count]
+            path.filled += count
+            self.switches.step_on(path, count, self.t_end)
+            return
         if self.vectors.size and scheme.mean:
             along = v @ known.loads.T
             along = 0.5 * (along[1:] + along[:-1])
@@ -514,6 +534,8 @@ class Run:
         """
         absorbed = float(np.sum(out.total[2:]))
         chunk = self.path.chunk
+        if self.sliders is not None:
+            return float(self.sliders.history(0.0).stored(np.array([self.reached()]))[0]), 0.0
         if not self.laws.state.size:
             return 0.0, absorbed
         energy, loss = hysteretic_energy(self.equations.laws, chunk.past[0], chunk.u[0])
@@ -563,7 +585,10 @@ class Run:
             "status": self.switches.status,
             "size": self.switches.size,
             "place": {name: getattr(self, name) for name in self.place},
-        } | ({} if self.past is None else {"history": self.past.y})
+        } | (
+            ({} if self.past is None else {"history": self.past.y})
+            | ({} if self.sliders is None else {"sliders": self.sliders.saved()})
+        )
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Set the run to a saved state."""
@@ -573,6 +598,8 @@ class Run:
             setattr(self, name, value)
         if self.past is not None:
             self.past.y[:] = saved["history"]
+        if self.sliders is not None:
+            self.sliders.restore(saved["sliders"])
 
 
 class EqualSteps(Run):
@@ -750,7 +777,8 @@ def march(
     points = None if probes is None else out.probe_samples(wanted_end * (1.0 + 1e-12))
     times, samples, parts, springs = _outcome(run, out, done[out.wanted[done]])
     return SteppedSolution(
-        system, t_end, times, samples, parts, first_energy, dt, events, counters, notes, springs, points
+        system, t_end, times, samples, parts, first_energy, dt, events, counters, notes, springs, points,
+        None if run.sliders is None else run.sliders.history(t_end),
     )  # fmt: skip
 
 
@@ -764,6 +792,8 @@ def _outcome(run: Run, out: Record, rows: IntArray) -> tuple[Array, Samples, Ene
         springs = SpringSamples(force, energy, loss, out.past)
         strain = strain + springs.stored.sum(axis=0)
         dissipated = dissipated + springs.dissipated.sum(axis=0)
+    if run.sliders is not None:
+        strain = strain + run.sliders.history(0.0).stored(out.times[rows])
     contact = contact_energy(system.contacts, samples.q, out.times[rows])
     return (
         out.times[rows],

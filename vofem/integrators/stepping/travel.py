@@ -224,7 +224,7 @@ def _reactions(
         force, slope = np.zeros(active.size), np.zeros(active.size)
         for i, j in enumerate(active.tolist()):
             if not travel.tied[j]:
-                force[i], slope[i] = _force(laws, j, dt, float(u0[j]), float(u[j]))
+                force[i], slope[i] = law_force(laws, j, dt, float(u0[j]), float(u[j]))
         tie = travel.tied[active]
         off = np.where(tie, u[active], force - trial[active])
         scale = np.where(tie, np.abs(free[active]) + np.abs(reach[np.ix_(active, active)]) @ np.abs(trial[active]),
@@ -246,7 +246,7 @@ def _reactions(
     return None
 
 
-def _force(laws: Laws, j: int, dt: float, u0: float, u1: float) -> tuple[float, float]:
+def law_force(laws: Laws, j: int, dt: float, u0: float, u1: float) -> tuple[float, float]:
     """Return the mean force of law j on its path over a step, and its derivative by u1."""
     force, way = ask(laws, j, MEAN, u0, u1), u1 - u0
     slope = (ask(laws, j, FORCE, u1, u1) - force) / way if way else 0.5 * ask(laws, j, TANGENT, u1, u1)

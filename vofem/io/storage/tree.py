@@ -52,6 +52,7 @@ NAMES = {
     "sensitivity": "vofem.integrators.base:Sensitivity",
     "shifted": "vofem.time_functions.shifted:Shifted",
     "spring_samples": "vofem.integrators.base:SpringSamples",
+    "slider_history": "vofem.integrators.slider_history:SliderHistory",
     "state": "vofem.system:State",
     "stored_state": "vofem.initial:StoredState",
     "system": "vofem.system:System",
