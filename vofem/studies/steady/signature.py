@@ -35,6 +35,9 @@ Complex = NDArray[np.complex128]
 #: the least number in a segment.
 _SAMPLES, _SEARCHED, _LEAST_SAMPLES = 600, 2500, 16
 
+#: Steps of this search at each end of a long segment, and the number of parts into which each of them is divided.
+_STEPS_AT_ENDS, _FINER = 8, 8
+
 #: Steps in the search for an extreme in its bracket.
 _CUTS = 60
 
@@ -154,7 +157,23 @@ class SignatureEvaluation:
             if duration > 0.0 and contacts:
                 count = _count(duration, self.problem.duration, _SEARCHED)
                 found += self.extremes_in(k, contacts, (0.0, duration), count)
+                if count > 2 * _LEAST_SAMPLES:
+                    found += self._beside_switches(k, contacts, duration / count, found)
         return found
+
+    def _beside_switches(
+        self, segment: int, contacts: list[int], step: float, known: Sequence[Extreme]
+    ) -> list[Extreme]:
+        """Return further extremes in some steps at both ends of a segment, where a stiff contact rebounds quickly."""
+        duration, near = float(self.path.durations[segment]), _STEPS_AT_ENDS * step
+        found: list[Extreme] = []
+        for times in ((0.0, near), (duration - near, duration)):
+            found += self.extremes_in(segment, contacts, times, _STEPS_AT_ENDS * _FINER)
+        seen = [(e.contact, e.phase) for e in known if e.segment == segment]
+        alike = _SAME * self.chart.turn
+        # Those far from their gaps are of no use twice.
+        found = [e for e in found if e.height > _LOW]
+        return [e for e in found if not any(e.contact == c and abs(e.phase - phase) <= alike for c, phase in seen)]
 
     def extremes_in(
         self, segment: int, contacts: Sequence[int], times: tuple[float, float], count: int

@@ -30,7 +30,7 @@ BEYOND, _SEVERAL = 1e-8, 1e-6
 _NEARLY = 5e-3
 
 #: Height over the size of the motion, and difference of phases over the orbit, up to which touches begin together.
-_TOGETHER, _ALIKE = 1e-9, 1e-6
+_TOGETHER, _ALIKE = 1e-11, 1e-6
 
 #: Rate of the parameter, in scaled coordinates, that may be rounding beside a grazing.
 _ROUNDED = 1e-8
