@@ -104,9 +104,11 @@ class Friction(TwoPoints):
     @rule("normal", "contact")
     def _pressed_once(self) -> None:
         if (self.normal is None) == (self.contact is None):
-            found = "neither" if self.normal is None else "both"
+            found = (
+                "neither normal nor contact is given" if self.normal is None else "both normal and contact are given"
+            )
             raise ArgumentError(
-                f"{label_of(self)}: {found} of normal and contact is given, expected one of them: normal=5.0 for a "
+                f"{label_of(self)}: {found}, expected one of them: normal=5.0 for a "
                 "constant force in N, or contact= with a Contact, or its name, for the force of that contact"
             )
 
