@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from vofem._validate import number, whole
 from vofem.blas import one_thread
-from vofem.cards import Shown
+from vofem.cards import Saved
 from vofem.errors import ArgumentError, ConvergenceError, VofemError
 from vofem.fitting.measured import Data, Trial
 from vofem.scene import Scene, as_scene
@@ -66,7 +65,7 @@ class FitStart:
 
 
 @dataclass(eq=False, repr=False)
-class Fit(Shown):
+class Fit(Saved):
     """The outcome of `fit`.
 
     Attributes
@@ -138,27 +137,11 @@ class Fit(Shown):
                     lines.append(f"  correlation of {names}: {share:.3f}")
         return "\n".join([*lines, *self.notes])
 
-    def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-        """Write the fit with its scene and its data to one file, from which `vofem.load` restores it.
-
-        Parameters
-        ----------
-        path : path
-            Name of the file; it ends in .h5 or .hdf.
-        overwrite : bool
-            Whether an existing file of that name is replaced.
-
-        Raises
-        ------
-        ArgumentError
-            If the suffix is another one.
-        OutputError
-            If the file exists and is not to be overwritten, or cannot be written.
-        """
+    def _writer(self) -> Callable[..., Path]:
         # Late, because fits know no file format.
         from vofem.io.storage.fit_file import save
 
-        return save(self, path, overwrite=overwrite)
+        return save
 
 
 def _outcome(data: tuple[Data, ...], problem: _Problem, starts: tuple[FitStart, ...], solved: _Solved) -> Fit:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from vofem.integrators.slider_history import SliderHistory
 from vofem.integrators.stepping.kernel import Chunk
-from vofem.integrators.stepping.travel import Midpoint, law_force
+from vofem.integrators.stepping.travel import Midpoint, balanced, law_force
 from vofem.laws import FrictionLaws
 from vofem.laws.law import DAMPED, DAMPING, Laws, ask
 from vofem.system import System
@@ -347,10 +347,8 @@ class _Step:
     def _newton(self, h: float, reach: Array, u0: Array, free: Array, held: Array, status: Integers) -> Array | None:
         """Return the forces for a given status of the rigid sliders; None where there is no solution."""
         sliders, first, m = self.sliders, self.first, free.size
-        trial = best = held
-        step: Array = np.zeros(m)
-        smallest = np.inf
-        for iteration in range(_MOST):
+
+        def unbalance(trial: Array) -> tuple[Array, Array, Array]:
             u = free - reach @ (trial - held)
             off, scale, matrix = np.zeros(m), np.zeros(m), np.eye(m)
             for j in range(first):
@@ -373,18 +371,9 @@ class _Step:
                 off[i], scale[i] = force - trial[i], abs(force) + abs(trial[i]) + abs(slope) * (abs(u[i]) + abs(u0[i]))
                 if share:
                     matrix[i, contact] -= float(status[j]) * share
-            if not np.all(np.isfinite(off)):
-                return None
-            size = float(np.max(np.abs(off) / np.where(scale > 0.0, scale, 1.0)))
-            if size <= 4.0 * _EPS * 2.0 ** min(iteration, 12):
-                return trial
-            if size >= smallest and iteration % 8:
-                step = 0.5 * step
-            else:
-                smallest, best = min(size, smallest), trial
-                step = np.asarray(np.linalg.solve(matrix, off), dtype=np.float64)
-            trial = best + step
-        return None
+            return off, scale, matrix
+
+        return balanced(unbalance, held)
 
     def stop_within(self, found: _Found, end: float) -> tuple[int, float]:
         """Return the slider whose sliding ends first within a step, and after which part of it; -1 for none."""

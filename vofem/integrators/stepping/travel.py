@@ -216,19 +216,43 @@ def _reactions(
     active = np.flatnonzero(acts)
     if not active.size:
         return found * 0.0
-    off, smallest = np.full(active.size, np.inf), np.inf
-    step = np.zeros(active.size)
-    trial, best = found, found
-    for iteration in range(_MOST):
+    tie, own = travel.tied[active], reach[np.ix_(active, active)]
+
+    def unbalance(forces: Array) -> tuple[Array, Array, Array]:
+        trial = found.copy()
+        trial[active] = forces
         u = free - reach @ (trial - held)
         force, slope = np.zeros(active.size), np.zeros(active.size)
         for i, j in enumerate(active.tolist()):
             if not travel.tied[j]:
                 force[i], slope[i] = law_force(laws, j, dt, float(u0[j]), float(u[j]))
-        tie = travel.tied[active]
-        off = np.where(tie, u[active], force - trial[active])
-        scale = np.where(tie, np.abs(free[active]) + np.abs(reach[np.ix_(active, active)]) @ np.abs(trial[active]),
-                         np.abs(force) + np.abs(trial[active]))  # fmt: skip
+        off = np.where(tie, u[active], force - forces)
+        scale = np.where(tie, np.abs(free[active]) + np.abs(own) @ np.abs(forces), np.abs(force) + np.abs(forces))
+        return off, scale, np.where(tie[:, None], own, np.eye(active.size) + slope[:, None] * own)
+
+    forces = balanced(unbalance, found[active])
+    if forces is None:
+        return None
+    found[active] = forces
+    return found
+
+
+def balanced(unbalance: Callable[[Array], tuple[Array, Array, Array]], forces: Array) -> Array | None:
+    """Return the forces at which nothing is out of balance, shape (n,), by Newton's method; None where there are none.
+
+    Parameters
+    ----------
+    unbalance : callable
+        Returns what is out of balance under some forces, (n,), its size without cancellation, (n,), and the matrix
+        that turns it into a change of the forces, (n, n).
+    forces : ndarray, shape (n,)
+        A guess.
+    """
+    trial = best = forces
+    step: Array = np.zeros_like(forces)
+    smallest = np.inf
+    for iteration in range(_MOST):
+        off, scale, matrix = unbalance(trial)
         if not np.all(np.isfinite(off)):
             return None
         size = float(np.max(np.abs(off) / np.where(scale > 0.0, scale, 1.0)))
@@ -238,11 +262,8 @@ def _reactions(
             step = 0.5 * step
         else:
             smallest, best = min(size, smallest), trial
-            own = reach[np.ix_(active, active)]
-            matrix = np.where(tie[:, None], own, np.eye(active.size) + slope[:, None] * own)
-            step = np.linalg.solve(matrix, off)
-        trial = best.copy()
-        trial[active] += step
+            step = np.asarray(np.linalg.solve(matrix, off), dtype=np.float64)
+        trial = best + step
     return None
 
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, cast, overload
+from typing import Any, Protocol, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import number
 from vofem.blas import one_thread
-from vofem.cards import Shown
+from vofem.cards import Saved
 from vofem.errors import ArgumentError
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.special import SpecialPoint
@@ -99,33 +98,17 @@ class Orbits(Sequence[PeriodicOrbit]):
         return (self[k] for k in range(len(self)))
 
 
-class Saved(Shown):
+class Curve(Saved):
     """A curve of orbits that files hold and that notebooks show."""
 
-    def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-        """Write the curve to one file, from which `vofem.load` restores it.
-
-        Parameters
-        ----------
-        path : path
-            Name of the file; it ends in .h5 or .hdf.
-        overwrite : bool
-            Whether an existing file of that name is replaced.
-
-        Raises
-        ------
-        ArgumentError
-            If the suffix is another one.
-        OutputError
-            If the file exists and is not to be overwritten, or cannot be written.
-        """
+    def _writer(self) -> Callable[..., Path]:
         # Late, because studies know no file format.
         from vofem.io.storage.branch_file import save
 
-        return save(cast(Any, self), path, overwrite=overwrite)
+        return save
 
 
-class Branch(Saved):
+class Branch(Curve):
     """A branch of periodic orbits along a parameter.
 
     Attributes

@@ -15,7 +15,7 @@ from vofem.errors import ArgumentError, ConvergenceError, MethodError
 from vofem.progress import Progress
 from vofem.scene import Scene
 from vofem.studies.steady.between import Step
-from vofem.studies.steady.branch import BranchCounters, Saved
+from vofem.studies.steady.branch import BranchCounters, Curve
 from vofem.studies.steady.branch_progress import branch_progress
 from vofem.studies.steady.census import Test, kind_of, multipliers, pairs_at_one, real_at, turning
 from vofem.studies.steady.crossings import root
@@ -58,7 +58,7 @@ _SLOWEST = 1e-3
 _PAIR = "neimark_sacker"
 
 
-class Locus(Saved):
+class Locus(Curve):
     """The curve of a special point of periodic orbits in two parameters.
 
     Attributes
