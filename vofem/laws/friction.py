@@ -73,7 +73,25 @@ class FrictionLaws(ListedLaws):
         """Return why something cannot treat sliders, and what to do instead."""
         pressed = any(law.contact is not None for law in self.laws)
         only = "'energy_conserving'" if pressed else "'event_driven' or 'energy_conserving'"
-        return f"{what} does not treat {self.labels[0]}; only simulate(method={only}) does"
+        orbits = "" if self.orbit_refusal() is not None else ", and orbits by shooting do"
+        return f"{what} does not treat {self.labels[0]}; only simulate(method={only}){orbits or ' does'}"
+
+    def orbit_refusal(self) -> str | None:
+        """Return why shooting cannot treat the sliders, and what to do instead; None for rigid ones without belts."""
+        for law in self.laws:
+            why = ""
+            if law.contact is not None:
+                why = f"is pressed by the contact {law.contact!r}"
+            elif law.stiffness < np.inf:
+                why = "has a stiffness, whose spring remembers where it slid last"
+            elif law.belt is not None:
+                why = "stands on a belt"
+            if why:
+                return (
+                    f"{law.label} {why}; a search of periodic orbits takes rigid sliders under a constant normal force "
+                    "only. Simulate the scene until it has settled"
+                )
+        return None
 
     def statics_refusal(self, path: bool) -> str | None:
         """Return why statics cannot treat sliders: equilibria are not unique."""

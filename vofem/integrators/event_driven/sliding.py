@@ -397,4 +397,9 @@ class SlidingSolution(EventSolution):
 def whole_system(system: System) -> System:
     """Return the system in which sliders follow the contacts, made once."""
     found: System = system.cache.get("with sliders", None, lambda: with_sliders(system))
-    return found
+    if found.loads is system.loads:
+        return found
+    # Systems that differ in their functions of time share a cache.
+    other = with_sliders(system)
+    other.share(found)
+    return other
