@@ -17,21 +17,15 @@ from vofem.parameters import declared, rule
 
 @dataclass(frozen=True)
 class Units:
-    """Units of the coordinate u of an effect, and of its force, stiffness, damping and impulse.
+    """Units of the coordinate u of an effect, and of its force, stiffness, damping and impulse."""
 
-    Attributes
-    ----------
-    coordinate, force, stiffness, damping : str
-        Units of u, of the force that does work on it, of ``force/u`` and of ``force/u'``.
-    impulse : str
-        Unit of the integral of the force over time.
-    """
-
+    #: `coordinate`, `force`, `stiffness`, `damping`: units of u, of the force that does work on it, of ``force/u`` and
+    #: of ``force/u'``.
     coordinate: str
     force: str
     stiffness: str
     damping: str
-    impulse: str
+    impulse: str  #: Unit of the integral of the force over time.
 
 
 #: The units by the coordinate on which an effect acts.
