@@ -26,35 +26,21 @@ class Axis(Body):
 
     Every node has two degrees of freedom, interleaved along the axis: the
     displacement eta and the slope d(eta)/dx.
-
-    Attributes
-    ----------
-    length : float
-        Length of the axis, m.
-    origin : float
-        The x of the left end in m.
-    arc : ndarray, shape (n_elements + 1,)
-        Distance of the nodes from the left end in m. Kept apart from the
-        origin: far from x = 0 the x of two near nodes lose digits.
-    element_lengths : ndarray, shape (n_elements,)
-        Lengths of the elements, m. They are more accurate than differences of `arc`.
-    mesh : LineMesh or None
-        The named points and subdomains of a mesh file.
     """
 
-    length: float
-    origin: float
+    length: float  #: Length of the axis, m.
+    origin: float  #: The x of the left end in m.
+    #: Distance of the nodes from the left end in m. Kept apart from the origin: far from x = 0 the x of two near nodes
+    #: lose digits. Shape (n_elements + 1,).
     arc: Array
+    #: Lengths of the elements, m. They are more accurate than differences of `arc`. Shape (n_elements,).
     element_lengths: Array
-    mesh: LineMesh | None
+    mesh: LineMesh | None  #: The named points and subdomains of a mesh file.
 
     def _divide(self, elements: Any) -> None:
         """Set nodes and elements, from the number of equal elements, the x of all nodes, or a mesh.
 
-        Raises
-        ------
-        ArgumentError
-            If the nodes do not increase, do not span the length, or are too many.
+        Raises `ArgumentError` if the nodes do not increase, do not span the length, or are too many.
         """
         label, length = self.label, self.length
         self.mesh = elements if isinstance(elements, LineMesh) else None
@@ -120,11 +106,7 @@ class Axis(Body):
 
         At a node the element to its right is taken (the last node: to its left).
 
-        Parameters
-        ----------
-        x : array_like
-        what : str
-            What x is, for messages.
+        `what`: what x is, for messages.
         """
         what = what or f"a point of {self.label}"
         arc = array(what, x) - self.origin
@@ -148,10 +130,7 @@ class Axis(Body):
     def at(self, where: float | str) -> Point:
         """Return the point at x (m, any place on the axis), at "left" or "right", or at a named point of a mesh.
 
-        Raises
-        ------
-        ArgumentError
-            If the point is not on the beam, or a name is unknown or names several nodes.
+        Raises `ArgumentError` if the point is not on the beam, or a name is unknown or names several nodes.
         """
         what = f"a point of {self.label}"
         if isinstance(where, str):
@@ -163,10 +142,7 @@ class Axis(Body):
     def node_at(self, where: Any) -> int:
         """Return the number of the node at "left", "right", a named point or x, counted from the left.
 
-        Raises
-        ------
-        ArgumentError
-            If there is no node at x, or a name is unknown or names several nodes.
+        Raises `ArgumentError` if there is no node at x, or a name is unknown or names several nodes.
         """
         what = f"a node of {self.label}"
         return self._named_node(what, where) if isinstance(where, str) else self._node_by_x(what, where)
@@ -215,16 +191,9 @@ class Axis(Body):
 
         At a node the value is that of the element to its right, and at the last node that of the element to its left.
 
-        Parameters
-        ----------
-        x : array_like, shape (k,)
-            Place on the axis, m.
-        derivative : int
-            0 to 3.
-
-        Returns
-        -------
-        csr_matrix, shape (k, size)
+        `x` (shape (k,)): place on the axis, m.
+        `derivative`: 0 to 3.
+        Returns an array of shape (k, size).
         """
         from scipy.sparse import csr_matrix
 
