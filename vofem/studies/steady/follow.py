@@ -263,8 +263,8 @@ class Follower:
             names = " and ".join(dict.fromkeys(repr(laws.names[contact]) for contact in passed.grazed))
             self.track.notes.append(
                 f"the {self.noun} ends at {passed.at.value:.12g}, where one orbit grazes {names} several times. With "
-                "rigid stops and forces that jump, as those of acts_on='displacement', orbits that touch at one of them "
-                "or at all may begin there: follow those that you want from a value beyond, with guess="
+                "rigid stops and forces that jump, as those of acts_on='displacement', orbits that touch at one of "
+                "them or at all may begin there: follow those that you want from a value beyond, with guess="
             )
             self._over = True
             return passed.before, step
