@@ -38,52 +38,27 @@ def moves_across(body: Body) -> bool:
 
 @dataclass(frozen=True)
 class Lane:
-    """The place of a body.
-
-    Attributes
-    ----------
-    state : BodyState
-    axis : float
-        Height of the undeflected axis, pixels.
-    half : float
-        Half the largest depth, pixels.
-    shift : float
-        Distance in m by which the body is moved along the picture.
-    floor, ceiling : float or None
-        Height at which the ground of its springs begins, pixels.
-    """
+    """The place of a body."""
 
     state: BodyState
-    axis: float
-    half: float
-    shift: float
+    axis: float  #: Height of the undeflected axis, pixels.
+    half: float  #: Half the largest depth, pixels.
+    shift: float  #: Distance in m by which the body is moved along the picture.
+    #: `floor`, `ceiling`: height at which the ground of its springs begins, pixels.
     floor: float | None
     ceiling: float | None
 
 
 @dataclass(frozen=True)
 class Layout:
-    """The places of all bodies.
-
-    Attributes
-    ----------
-    lanes : dict of Body to Lane
-        The lanes from the lowest to the highest.
-    unit : float
-        Pixels of this picture per pixel of a picture of 1600 x 700.
-    motion : float
-        Pixels per metre of displacement.
-    magnification : float or None
-        Magnification of displacements over lengths; None if the scene has no length.
-    top, diagrams : float
-        Upper end and height of the moment diagrams, pixels.
-    """
+    """The places of all bodies."""
 
     size: tuple[int, int]
-    lanes: dict[Body, Lane]
-    unit: float
-    motion: float
-    magnification: float | None
+    lanes: dict[Body, Lane]  #: The lanes from the lowest to the highest.
+    unit: float  #: Pixels of this picture per pixel of a picture of 1600 x 700.
+    motion: float  #: Pixels per metre of displacement.
+    magnification: float | None  #: Magnification of displacements over lengths; None if the scene has no length.
+    #: `top`, `diagrams`: upper end and height of the moment diagrams, pixels.
     top: float
     diagrams: float
     _start: float

@@ -15,21 +15,13 @@ AnyBody = TypeVar("AnyBody", bound=Body)
 
 
 class Place(NamedTuple):
-    """A contact of a body.
-
-    Attributes
-    ----------
-    name : str
-    x : float
-        Place on the axis of a beam in m. Masses are numbered from 1, and a contact lies between the numbers of its two
-        masses.
-    surface : float or None
-        The displacement in m at which the body touches a stop; None between two bodies.
-    """
+    """A contact of a body."""
 
     name: str
+    #: Place on the axis of a beam in m. Masses are numbered from 1, and a contact lies between the numbers of its two
+    #: masses.
     x: float
-    surface: float | None
+    surface: float | None  #: The displacement in m at which the body touches a stop; None between two bodies.
 
 
 def along_beam(scene: Scene, beam: Body) -> list[Place]:

@@ -53,12 +53,8 @@ def pin(drawing: Drawing, x: float, y: float, half: float, unit: float) -> None:
 def guide(drawing: Drawing, x: float, y: float, half: float, span: tuple[float, float], unit: float, side: int) -> None:
     """Add a guided support: rollers between the beam, at height y, and a wall over the range of its motion.
 
-    Parameters
-    ----------
-    span : tuple of float
-        Lowest and highest height of the axis.
-    side : int
-        -1: the wall is left of x; 1: right; 0: on both sides of an inner node.
+    `span`: lowest and highest height of the axis.
+    `side`: -1: the wall is left of x; 1: right; 0: on both sides of an inner node.
     """
     radius = 8.0 * unit
     for direction in (side,) if side else (-1, 1):

@@ -39,17 +39,10 @@ def sketch(
 ) -> Drawing:
     """Return the picture of a scene.
 
-    Parameters
-    ----------
-    view : Snapshot
-    size : (int, int)
-        Width and height in pixels.
-    magnification : float, optional
-        Factor by which displacements are enlarged. By default it is chosen.
-    forces : bool
-        Whether closed contacts are highlighted and arrows show their forces.
-    title : str
-        Text before the time.
+    `size`: width and height in pixels.
+    `magnification`: factor by which displacements are enlarged. By default it is chosen.
+    `forces`: whether closed contacts are highlighted and arrows show their forces.
+    `title`: text before the time.
     """
     size = _checked(size)
     if magnification is not None:

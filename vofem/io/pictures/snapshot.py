@@ -38,96 +38,48 @@ _BED = 41
 
 @dataclass(frozen=True)
 class BodyState:
-    """A body at the time of the picture.
-
-    Attributes
-    ----------
-    body : Body
-    x : ndarray, shape (k,)
-        Places along the axis in m; 0 for a mass.
-    eta : ndarray, shape (k,)
-        Displacement in m.
-    moment : ndarray, shape (k,)
-        Bending moment in N m; 0 for a mass.
-    depth : ndarray, shape (k,)
-        Depth of the section, 1 where it is largest.
-    low, high : float
-        Range of the displacement over the whole run, in m, with 0 in it.
-    moment_low, moment_high : float
-        Range of the bending moment over the whole run, in N m, with 0 in it.
-    """
+    """A body at the time of the picture."""
 
     body: Body
-    x: Array
-    eta: Array
-    moment: Array
-    depth: Array
+    x: Array  #: Places along the axis in m; 0 for a mass. Shape (k,).
+    eta: Array  #: Displacement in m, shape (k,).
+    moment: Array  #: Bending moment in N m; 0 for a mass. Shape (k,).
+    depth: Array  #: Depth of the section, 1 where it is largest, shape (k,).
+    #: `low`, `high`: range of the displacement over the whole run, in m, with 0 in it.
     low: float
     high: float
+    #: `moment_low`, `moment_high`: range of the bending moment over the whole run, in N m, with 0 in it.
     moment_low: float
     moment_high: float
 
 
 @dataclass(frozen=True)
 class Link:
-    """A contact or a spring at the time of the picture.
-
-    Attributes
-    ----------
-    name : str
-    a, b : points
-        The two points; b is None for a link to ground.
-    side : str
-        "below" or "above": where ground is.
-    gap : float
-        Gap in m.
-    status : str
-        "open", "closed", "pinned", "spring" or "damper".
-    force : float
-        Force in N, or moment in N m for a link on rotations; positive pushes the bodies apart.
-    rotation : bool
-        Whether the link acts on rotations. In that case gaps are not drawn.
-    """
+    """A contact or a spring at the time of the picture."""
 
     name: str
+    #: `a`, `b`: the two points; b is None for a link to ground.
     a: Point
     b: Point | None
-    side: str
-    gap: float
-    status: str
-    force: float
-    rotation: bool = False
+    side: str  #: "below" or "above": where ground is.
+    gap: float  #: Gap in m.
+    status: str  #: "open", "closed", "pinned", "spring" or "damper".
+    force: float  #: Force in N, or moment in N m for a link on rotations; positive pushes the bodies apart.
+    rotation: bool = False  #: Whether the link acts on rotations. In that case gaps are not drawn.
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A scene at one time.
+    """A scene at one time."""
 
-    Attributes
-    ----------
-    time : float or None
-        Time in s; None for an equilibrium and for a mode shape.
-    bodies : tuple of BodyState
-    links : tuple of Link
-    joints : tuple of Joint
-    peak : float
-        The largest contact force of the run, N.
-    title : str
-        Text that stands in place of the time.
-    pushes : tuple of Push
-        Loads.
-    weights : tuple of Point
-        Points at which there are point masses.
-    """
-
-    time: float | None
+    time: float | None  #: Time in s; None for an equilibrium and for a mode shape.
     bodies: tuple[BodyState, ...]
     links: tuple[Link, ...]
     joints: tuple[Joint, ...] = ()
-    peak: float = 0.0
-    title: str = ""
-    pushes: tuple[Push, ...] = ()
-    weights: tuple[Point, ...] = ()
+    peak: float = 0.0  #: The largest contact force of the run, N.
+    title: str = ""  #: Text that stands in place of the time.
+    pushes: tuple[Push, ...] = ()  #: Loads.
+    weights: tuple[Point, ...] = ()  #: Points at which there are point masses.
 
     @property
     def bending(self) -> bool:
@@ -164,11 +116,7 @@ def snapshot(outcome: Result | Equilibrium, t: float | None, scene: Scene | None
 def snapshots(result: Result, times: Array) -> list[Snapshot]:
     """Return the data that pictures of a run at several times need, with the ranges of the whole run.
 
-    Parameters
-    ----------
-    result : Result
-    times : ndarray, shape (n_times,)
-        Times in s, within the run.
+    `times` (shape (n_times,)): times in s, within the run.
     """
     bodies = [_in_motion(result, body, times) for body in result.scene.bodies]
     contacts, peak = _contact_states(result, times)
