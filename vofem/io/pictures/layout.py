@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.bodies.base import Body, Point
+from vofem.io.pictures.places import is_line
 from vofem.io.pictures.snapshot import BodyState, Link, Snapshot
 from vofem.io.pictures.units import nice_below
 
@@ -29,11 +30,6 @@ _SMALLEST = 0.1
 def full_scale(size: tuple[int, int]) -> float:
     """Return the pixels of a picture per pixel of one of 1600 x 700."""
     return min(size[0] / 1600.0, size[1] / 700.0)
-
-
-def is_line(body: Body) -> bool:
-    """Return whether a body is drawn as a line, not as a block."""
-    return body.shape.kind == "line"
 
 
 def moves_across(body: Body) -> bool:

@@ -24,8 +24,9 @@ from vofem.io.pictures.drawing import (
     Label,
     Strip,
 )
-from vofem.io.pictures.layout import BAR, Lane, Layout, arrange, full_scale, is_line, side_of_ground
+from vofem.io.pictures.layout import BAR, Lane, Layout, arrange, full_scale, side_of_ground
 from vofem.io.pictures.links import add_links
+from vofem.io.pictures.places import is_line
 from vofem.io.pictures.snapshot import Snapshot
 from vofem.io.pictures.units import length, nice_above, nice_below, prefixed, spell, three_digits
 
