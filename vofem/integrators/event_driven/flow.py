@@ -162,9 +162,10 @@ def solution_of(system: System, t_end: float, times: Array, counters: Counters) 
     """Return the solution to be filled, with the modal space of the system, which is solved once."""
     if system.sliders is None:
         return EventSolution(system, modes_of(system, counters), t_end, times, counters)
-    from vofem.integrators.event_driven.sliding import SlidingSolution, whole_system
+    from vofem.integrators.event_driven.sliders import with_sliders
+    from vofem.integrators.event_driven.sliding import SlidingSolution
 
-    return SlidingSolution(system, modes_of(whole_system(system), counters), t_end, times, counters)
+    return SlidingSolution(system, modes_of(with_sliders(system), counters), t_end, times, counters)
 
 
 def flow(

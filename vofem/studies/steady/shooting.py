@@ -109,9 +109,9 @@ class Shooting:
         #: The system as runs take it. In `system` sliders are further rows behind those of the contacts.
         self.given = system
         if sliders is not None:
-            from vofem.integrators.event_driven.sliding import whole_system
+            from vofem.integrators.event_driven.sliders import with_sliders
 
-            self.system = system = whole_system(full)
+            self.system = system = with_sliders(full)
         shared = earlier is not None and share_modes(system, earlier.system)
         self.space = modes_of(system, self.work.runs)
         n = self.space.size
@@ -303,7 +303,8 @@ def shooting_refusal(scene: Scene) -> str | None:
             stop = system.contacts.labels[int(np.argmax(system.contacts.rigid))]
             return (
                 f"{sliders.labels[0]} acts beside {stop}, whose impacts move sliders that stick; a search of periodic "
-                "orbits does not treat both. Simulate the scene until it has settled, or use a Contact with a large stiffness and a damper"
+                "orbits does not treat both. Simulate the scene until it has settled, or use a Contact with a large "
+                "stiffness and a damper"
             )
     if reason is not None:
         why = reason.split(". Use ")[0].rstrip(".")
