@@ -166,21 +166,6 @@ class MovingStops(NamedTuple):
     damping: Array
     offset: Array
 
-    def work_and_loss(self, x: Array, v: Array, w: Array) -> tuple[Array, Array]:
-        """Return the power in W that moves the stops, and what contact dampers take beyond that of the structure alone.
-
-        Parameters
-        ----------
-        x, v : ndarray, shape (k, n)
-            Modal states.
-        w : ndarray, shape (k, 2, e)
-            Values and rates of the loads.
-        """
-        offset, drift = (w @ self.drift.T).transpose(1, 0, 2)
-        own = v @ self.rows.T
-        force = self.stiffness * (x @ self.rows.T + offset - self.offset) + self.damping * (own + drift)
-        return np.sum(force * drift, axis=1), np.sum(self.damping * drift * (2.0 * own + drift), axis=1)
-
 
 def drift_of(laws: ContactLaws | None, function: Integers, functions: int) -> Array | None:
     """Return the factors with which loads enter the coordinates of contacts, (n_contacts, e); None where none does.
