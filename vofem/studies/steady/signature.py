@@ -458,7 +458,8 @@ class Signature:
         assert laws is not None
         held = int(np.sum(path.statuses[index][:contact] == PINNED))
         motion, duration = path.motion(index), float(path.durations[index])
-        force, full = motion.regime.reactions, float(laws.stiffness[contact] * laws.gap[contact])
+        base, full = motion.regime.base, float(laws.stiffness[contact] * laws.gap[contact])
+        force = base.quantities.reactions
         assert force is not None
         value = float(motion.reactions(np.array([duration]))[held, 0]) - (full if status == CLOSED else 0.0)
         columns = path.all_columns[index] if path.all_columns.size else np.empty((2 * n, 0))
@@ -466,7 +467,12 @@ class Signature:
         real = motion.spectrum.real
         derived = force.displacement[held] @ real.down(columns[:n]) + force.velocity[held] @ real.down(columns[n:])
         # The columns move with the end of the segment, the load's phase does too.
-        return value, derived + float(force.loads[held] @ rates) * path.shifts[index], full
+        return (
+            value,
+            derived
+            + float(force.share[held] @ (base.forces[0][:, motion.regime.function + 1] @ rates)) * path.shifts[index],
+            full,
+        )
 
     # -- coordinates ----------------------------------------------------------------------------------
 
