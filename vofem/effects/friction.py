@@ -56,7 +56,7 @@ class Friction(TwoPoints):
     While it sticks, w is zero exactly, and the force is the reaction that keeps it so; sticking ends where the reaction
     reaches ``static * normal``. With `stiffness` the slider is behind a spring (a Jenkins element): while it sticks,
     w stretches the spring. `result.frictions` has the histories. The methods ``"event_driven"``, for a constant normal
-    force, and ``"energy_conserving"`` treat sliders.
+    force, and ``"energy_conserving"`` treat sliders; harmonic balance treats those with `stiffness`.
 
     Raises
     ------
