@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import number, whole
 from vofem.errors import ArgumentError, VofemError
@@ -24,8 +23,6 @@ from vofem.studies.accuracy.spread import spread
 from vofem.studies.accuracy.study import LeftOut, Reference, Run, Setting, Study
 from vofem.studies.accuracy.timing import best_time, machine
 from vofem.studies.remesh import can_have, element_count, remeshed
-
-Array = NDArray[np.float64]
 
 #: Called with the number of parts of a study that are done, their total number, and a name of the next part.
 Progress = Callable[[int, int, str], None]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.methods import ENERGY_CONSERVING, EVENT_DRIVEN
 from vofem.kernels.mode import compiled
 from vofem.result import Result
@@ -16,8 +16,6 @@ from vofem.scene import Scene
 from vofem.simulate.simulation import simulate
 from vofem.studies.accuracy.quantities import Observed, observe
 from vofem.studies.accuracy.scaled import scaled
-
-Array = NDArray[np.float64]
 
 #: Above this many degrees of freedom the first run in Ritz vectors takes less time than one in all modes.
 _MANY_UNKNOWNS = 300
