@@ -487,3 +487,72 @@ def test_what_takes_no_slider_names_it() -> None:
     odd = vf.Scene([mass], [vf.Friction(mass, coefficient=0.3, normal=1.0, belt=lambda t: t**2, name="odd")])
     with pytest.raises(vf.MethodError, match="'odd': the speed of its belt has no closed form"):
         run(odd, 1.0)
+
+
+def test_harmonic_balance_of_a_slider_behind_a_spring(tmp_path: Path) -> None:
+    """The exact amplitude of the oscillator, the settled motion of a beam with a stop, and a branch from its file."""
+    exact = json.loads((DATA.parent / "orbits" / "P7.json").read_text())["jenkins_exact"]
+    block = vf.Mass(1.0, stiffness=1.0, damping=exact["c"], name="block")
+    pad = vf.Friction(block, coefficient=0.25, normal=exact["fy"] / 0.25, stiffness=exact["kt"], name="pad")
+
+    def shaken(omega: float) -> vf.Scene:
+        return vf.Scene([block], [pad, vf.PointLoad(block, vf.Sine(exact["F"], omega))])
+
+    omega, peak = map(float, exact["rows"][0][:2])
+    orbit = vf.periodic(shaken(omega), method="harmonic_balance", harmonics=24)
+    assert abs(orbit.amplitude(block) - peak) < 2e-8
+    # Its sliding ends at its turning points, and what it takes in a period is the area of its loop.
+    slider = orbit.result.frictions["pad"]
+    assert abs(slider.stops[1] - slider.stops[0] - np.pi / omega) < 1e-12
+    assert abs(slider.stops[1] - orbit.period - float(exact["rows"][0][2])) < 1e-6
+    assert np.abs(orbit.result.velocity(block, slider.stops)).max() < 1e-6
+    loop = 4.0 * exact["fy"] * (peak - exact["fy"] / exact["kt"])
+    assert abs(slider.dissipated[-1] / loop - 1.0) < 1e-5
+    assert set(slider.status) == {-1, 0, 1}
+    assert not orbit.result.springs
+
+    branch = vf.continuation(shaken, 1.1, 1.05, method="harmonic_balance", harmonics=3)
+    loaded = vf.load(branch.save(tmp_path / "branch.h5"))
+    one, other = (found.orbits[2].result.frictions["pad"] for found in (branch, loaded))
+    np.testing.assert_array_equal(one.force, other.force)
+    np.testing.assert_array_equal(one.breaks, other.breaks)
+
+    beam = vf.Beam(1.0, 10.0, 0.5, 2, {"left": "clamped"}, name="beam")
+    effects = [
+        vf.Friction(beam.at(0.5), coefficient=0.5, normal=2.0, stiffness=300.0, name="pad"),
+        vf.Contact(beam.at("right"), gap=0.02, stiffness=200.0, side="above", acts_on="penetration", name="stop"),
+        vf.Dashpot(beam.at("right"), damping=1.0),
+        vf.PointLoad(beam.at("right"), vf.Sine(4.0, 9.0)),
+    ]
+    scene = vf.Scene([beam], effects)
+    period = 2.0 * np.pi / 9.0
+    places = np.linspace(0.0, period, 50)
+    settled = run(scene, 15 * period, 14 * period + places)
+    balanced = vf.periodic(scene, method="harmonic_balance", harmonics=40, guess=settled)
+    off = settled.displacement(beam.at("right")) - balanced.result.displacement(beam.at("right"), places)
+    assert np.abs(off).max() < 3e-5 * balanced.amplitude(beam.at("right"))
+    last = settled.frictions["pad"].breaks - 14 * period
+    np.testing.assert_allclose(last[last > 0.0], balanced.result.frictions["pad"].breaks, atol=1e-5 * period)
+
+    for wrong, found in (
+        ({}, "sticks rigidly, so its force jumps.*give the slider a spring"),
+        ({"stiffness": 1.0, "static": 0.4}, "has a static coefficient above the sliding one"),
+        ({"stiffness": 1.0, "belt": 0.1}, "lies on a belt"),
+    ):
+        other = vf.Friction(block, coefficient=0.25, normal=1.0, name="other", **wrong)
+        with pytest.raises(vf.MethodError, match=f"Friction 'other' {found}"):
+            vf.periodic(vf.Scene([block], [other, *shaken(1.0).effects[1:]]), method="harmonic_balance")
+
+
+def test_runs_of_one_scene_from_two_times_have_their_own_loads() -> None:
+    """What a run with sliders leaves for later ones of its scene holds no function of time."""
+    block = vf.Mass(1.0, stiffness=10.0)
+    pad = vf.Friction(block, coefficient=0.3, normal=1.0, belt=vf.Sine(0.1, 3.0))
+
+    def later(scene: vf.Scene) -> np.ndarray:
+        return run(scene, 1.0, t_start=0.7).displacement(block)
+
+    scene = vf.Scene([block], [pad, vf.PointLoad(block, vf.Sine(3.0, 2.0))])
+    before = run(scene, 1.0).displacement(block)
+    np.testing.assert_array_equal(later(scene), later(vf.Scene(scene.bodies, scene.effects)))
+    assert np.abs(later(scene) - before).max() > 0.1

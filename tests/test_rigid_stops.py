@@ -201,9 +201,14 @@ def test_what_cannot_be_answered_is_refused_by_name() -> None:
         with pytest.raises(vf.MethodError, match=r"RigidStop 'wall' is rigid.*event_driven"):
             vf.simulate(scene, 1.0, dt=0.01, method=method)
     assert vf.simulate(scene, 1.0).method == "event_driven"
-    for ask in (vf.equilibrium, vf.quasi_static, vf.periodic):
+    for refused in (
+        lambda: vf.equilibrium(scene),
+        lambda: vf.quasi_static(scene, 1.0),
+        lambda: vf.periodic(scene, harmonics=3),
+        lambda: vf.backbone(vf.Scene([mass], [stop]), 1, [1.0]),
+    ):
         with pytest.raises(vf.VofemError, match="RigidStop 'wall'"):
-            ask(scene, *([1.0] if ask is vf.quasi_static else []))
+            refused()
     with pytest.raises(vf.ArgumentError, match=r"restitution is 1.2, expected a number from 0 to 1"):
         vf.RigidStop(mass, gap=0.1, restitution=1.2, side="above")
     with pytest.raises(vf.ArgumentError, match="side is missing"):

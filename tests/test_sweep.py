@@ -668,7 +668,7 @@ def test_all_workers_run_kernels_in_the_one_way_that_was_asked_for(tmp_path):
 
 
 def test_a_quantity_named_error_is_not_lost_in_tables(tmp_path):
-    from vofem.io.sweep_tables import write_sweep
+    from vofem.io.tables import write_sweep
 
     table = vf.sweep(lambda x: {"error": 0.1 * x}, {"x": [1, 2]}, executor="serial")
     assert table.to_dataframe().columns.tolist() == ["x", "error", "sweep_error"]

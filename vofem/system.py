@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -118,6 +118,15 @@ class System:
     def share(self, other: System) -> None:
         """Use the cache of another system, which must differ from this one in functions of time alone."""
         self.__dict__["_cache"] = other.cache
+
+    def with_laws(self, kind: str, laws: tuple[LawGroup, ...]) -> System:
+        """Return the system with other laws. It has a cache of its own; systems that share a cache share this one too.
+
+        `kind` says what the laws are made of.
+        """
+        other = replace(self, laws=laws)
+        other.__dict__["_cache"] = self.cache.get(kind, None, Cache)
+        return other
 
     def has_matrices_of(self, other: System) -> bool:
         """Return whether degrees of freedom and matrices are the same to the last bit as those of another system."""

@@ -22,16 +22,10 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Row:
-    """A sparse row b of a scalar coordinate ``u = b.q`` over one body's degrees of freedom.
+    """A sparse row b of a scalar coordinate ``u = b.q`` over one body's degrees of freedom."""
 
-    Attributes
-    ----------
-    indices : ndarray of int, shape (k,)
-    weights : ndarray, shape (k,)
-    """
-
-    indices: IntArray
-    weights: Array
+    indices: IntArray  #: Shape (k,).
+    weights: Array  #: Shape (k,).
 
 
 @dataclass(frozen=True)
@@ -261,13 +255,8 @@ class Point:
 def touching(effect: Any, bodies: Mapping[Any, Any], moved: Callable[[Point, Any], Any]) -> Any:
     """Return an effect as a copy that touches other bodies; the effect itself where it touches none of them.
 
-    Parameters
-    ----------
-    effect : effect
-    bodies : dict
-        Bodies, and those that take their place.
-    moved : callable
-        Returns the point on a new body that takes the place of a point on the old one.
+    `bodies`: bodies, and those that take their place.
+    `moved`: returns the point on a new body that takes the place of a point on the old one.
     """
     changes = {}
     for name, value in vars(effect).items():

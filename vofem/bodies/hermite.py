@@ -58,14 +58,9 @@ class LengthMapping(MappingAffine):
 def line_basis(nodes: Array, lengths: Array, order: int) -> Basis:
     """Return a Hermite basis over sorted nodes, with quadrature exact for polynomials of the given order.
 
-    Parameters
-    ----------
-    nodes : ndarray, shape (n + 1,)
-        Arc length of the nodes in m, increasing from 0.
-    lengths : ndarray, shape (n,)
-        Element lengths in m.
-    order : int
-        6 integrates the mass matrix of a constant rhoA exactly.
+    `nodes` (shape (n + 1,)): arc length of the nodes in m, increasing from 0.
+    `lengths` (shape (n,)): element lengths in m.
+    `order`: 6 integrates the mass matrix of a constant rhoA exactly.
     """
     mesh = MeshLine(nodes)
     mapping = LengthMapping(mesh, lengths)

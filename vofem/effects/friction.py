@@ -11,7 +11,6 @@ from vofem._validate import wrong
 from vofem.assembly import SystemBuilder
 from vofem.effects.contact import Contact
 from vofem.effects.kinds import Named
-from vofem.effects.side import distinct
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
 from vofem.laws.friction import FrictionLaw
@@ -60,7 +59,7 @@ class Friction(TwoPoints):
     While it sticks, w is zero exactly, and the force is the reaction that keeps it so; sticking ends where the reaction
     reaches ``static * normal``. With `stiffness` the slider is behind a spring (a Jenkins element): while it sticks,
     w stretches the spring. `result.frictions` has the histories. The methods ``"event_driven"``, for a constant normal
-    force, and ``"energy_conserving"`` treat sliders.
+    force, and ``"energy_conserving"`` treat sliders; harmonic balance treats those with `stiffness`.
 
     Raises
     ------
@@ -96,10 +95,6 @@ class Friction(TwoPoints):
         TimeFunction | float | None, OfTime("m/s", "Speed of the belt on which a lies. Without it there is no belt.")
     ] = None
     name: Named = CHOSEN
-
-    @rule("b", "a")
-    def _points_differ(self) -> None:
-        distinct(label_of(self), self.a, self.b)
 
     @rule("normal", "contact")
     def _pressed_once(self) -> None:

@@ -102,12 +102,9 @@ class TabulatedOrder:
 def orders_at(order: ArrayLike | OrderLaw, t: Array, *, highest: float = 2.0) -> Array:
     """Return the orders at times t, shape (n,); raise `ArgumentError` unless they lie in [0, highest].
 
-    Parameters
-    ----------
-    order : number, array_like of shape (n,), or callable of t
-    t : ndarray, shape (n,)
-    highest : float
-        2 for the operators on functions, 1 for histories of springpots.
+    `order` has shape (n,).
+    `t` has shape (n,).
+    `highest`: 2 for the operators on functions, 1 for histories of springpots.
     """
     given = order(t) if callable(order) else order
     try:

@@ -225,17 +225,9 @@ class ContactStatistics:
 class ImpactRecord:
     """Impacts and statistics of one contact; what both need is computed once.
 
-    Parameters
-    ----------
-    run : Run
-    laws : ContactLaws
-    index : int
-        Number of the contact.
-    units : Units
-    most : int, optional
-        How many impacts are looked at, from the first on; all where not given.
-    tolerance : float
-        Accepted error of the forces between events, divided by the largest force.
+    `index`: number of the contact.
+    `most`: how many impacts are looked at, from the first on; all where not given.
+    `tolerance`: accepted error of the forces between events, divided by the largest force.
     """
 
     def __init__(
@@ -391,12 +383,7 @@ class ImpactRecord:
 
 
 def window_of(what: str, window: ArrayLike | None, t_end: float) -> tuple[float, float]:
-    """Return begin and end of a window in s, the whole run where none is given; raise where it is not within the run.
-
-    Raises
-    ------
-    ArgumentError
-    """
+    """Return begin and end of a window in s, the whole run by default; raise `ArgumentError` where it lies outside."""
     if window is None:
         return 0.0, t_end
     ends = array(f"{what}: window", window)

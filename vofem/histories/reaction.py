@@ -31,15 +31,8 @@ class Reaction(NamedTuple):
 def reaction_of(run: Run, body: Body, where: Any, t: ArrayLike | None, samples: Sampled) -> Reaction:
     """Return the reaction of a support; see `vofem.Result.reaction`.
 
-    Parameters
-    ----------
-    run : Run
-    body : Body
-    where : "left", "right" or x
-    t : array_like, optional
-        Times in s. The default is those of the run.
-    samples : Sampled
-        The motion at these times.
+    `t`: times in s. The default is those of the run.
+    `samples`: the motion at these times.
     """
     return Reaction(*support_reaction(run.model, body, where, *_state(run, f"reaction of {body.label}", t, samples)))
 
@@ -47,10 +40,7 @@ def reaction_of(run: Run, body: Body, where: Any, t: ArrayLike | None, samples: 
 def joint_force_of(run: Run, name: str, t: ArrayLike | None, samples: Sampled) -> Reaction:
     """Return the force and the moment of a joint on its body a; see `vofem.Result.joint_force`.
 
-    Raises
-    ------
-    ArgumentError
-        If there is no joint of that name.
+    Raises `ArgumentError` if there is no joint of that name.
     """
     model = run.model
     names = [known for known, _ in model.joints]

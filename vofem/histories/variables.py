@@ -70,24 +70,12 @@ class Tabulated(Run, Protocol):
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable; its first dimension is time, or what it is counted by.
+    """One variable; its first dimension is time, or what it is counted by."""
 
-    Attributes
-    ----------
-    dims : tuple of str
-        Names of the dimensions.
-    source : ndarray, or callable
-        The values, or a function that returns those of a slice of rows.
-    attributes : dict
-        Unit and description, as netCDF calls them.
-    each : sequence of str
-        The units of the columns, where they may differ.
-    """
-
-    dims: tuple[str, ...]
-    source: NDArray | Callable[[slice], NDArray]
-    attributes: dict[str, Any] = field(default_factory=dict)
-    each: Sequence[str] = ()
+    dims: tuple[str, ...]  #: Names of the dimensions.
+    source: NDArray | Callable[[slice], NDArray]  #: The values, or a function that returns those of a slice of rows.
+    attributes: dict[str, Any] = field(default_factory=dict)  #: Unit and description, as netCDF calls them.
+    each: Sequence[str] = ()  #: The units of the columns, where they may differ.
 
     def unit(self, k: int) -> str:
         """Return the unit of a column."""

@@ -173,19 +173,11 @@ def snapshot(
 class Stage:
     """A plotter with the frame of one time: bodies coloured by a field, contacts coloured by their state.
 
-    Parameters
-    ----------
-    what : str
-        The function that draws, for messages.
-    result : Result
-    times : ndarray
-        Times by which the magnification and the scale of colours are chosen, s.
-    k : int
-        Number of the time that is shown first.
-    magnification, scalars
-        As of `show`.
-    options
-        Of the plotter.
+    `what`: the function that draws, for messages.
+    `times`: times by which the magnification and the scale of colours are chosen, s.
+    `k`: number of the time that is shown first.
+    `magnification`, `scalars`: as of `show`.
+    `options`: of the plotter.
     """
 
     def __init__(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.laws.group import LawGroup, ListedLaws
+from vofem.laws.hysteretic import HystereticLaws, jenkins
 
 if TYPE_CHECKING:
     from vofem.time_functions import TimeFunction
@@ -83,8 +84,28 @@ class FrictionLaws(ListedLaws):
         )
 
     def harmonic_refusal(self) -> str | None:
-        """Return why harmonic balance cannot treat sliders."""
-        return self.refusal("harmonic balance")
+        """Return why harmonic balance cannot treat a slider, whose force jumps or whose coordinate drifts."""
+        for law in self.laws:
+            if law.contact is not None:
+                found, cure = f"is pressed by the contact {law.contact!r}", "give normal= instead"
+            elif np.isinf(law.stiffness):
+                found, cure = "sticks rigidly, so its force jumps", "give the slider a spring, stiffness="
+            elif law.static > law.limit:
+                found, cure = "has a static coefficient above the sliding one, so its force jumps", "leave out static="
+            elif law.belt is not None:
+                found, cure = "lies on a belt", "let a second body move"
+            else:
+                continue
+            return f"{law.label} {found}, which harmonic balance cannot treat; {cure}, or let a simulation settle"
+        return None
+
+    def as_springs(self) -> JenkinsSliders:
+        """Return the sliders, all behind springs, as elastic, perfectly plastic springs."""
+        laws = []
+        for law in self.laws:
+            spring, slip = np.array([law.stiffness]), np.array([law.limit])
+            laws.append(jenkins(law.label, law.name, law.stiffness, 0.0, spring, slip, law.limit, "N"))
+        return JenkinsSliders(self.rows, tuple(laws))
 
     def shifted(self, start: float) -> FrictionLaws:
         """Return the sliders for a run that begins at a time in s."""
@@ -109,6 +130,13 @@ class FrictionLaws(ListedLaws):
     def forms(self) -> tuple[Any, ...]:
         """No law in the sense of `law.Law`: a slider's force does not follow from its coordinate."""
         return ()
+
+
+@dataclass(frozen=True)
+class JenkinsSliders(HystereticLaws):
+    """Sliders behind springs in harmonic motions, in the order of the `FrictionLaws` that they stand for."""
+
+    slides: ClassVar[bool] = True
 
 
 FrictionLaw.group = FrictionLaws

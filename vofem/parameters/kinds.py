@@ -171,17 +171,11 @@ class Flag(Kind):
 
 @dataclass(frozen=True)
 class Choice(Kind):
-    """One of some names.
-
-    Attributes
-    ----------
-    allowed : tuple of str
-    choices : str
-        Given where the parameter is needed and has no default: what the message for a missing one recommends.
-    """
+    """One of some names."""
 
     allowed: tuple[str, ...] = ()
     text: str = ""
+    #: Given where the parameter is needed and has no default: what the message for a missing one recommends.
     choices: str = ""
 
     @property
@@ -210,16 +204,10 @@ class Choice(Kind):
 
 @dataclass(frozen=True)
 class Name(Kind):
-    """A string that is not empty; the constructor chooses one where none is given.
-
-    Attributes
-    ----------
-    needed : bool
-        Whether scene files must give it. Names of effects are numbered there.
-    """
+    """A string that is not empty; the constructor chooses one where none is given."""
 
     text: str = "Unique in a scene."
-    needed: bool = False
+    needed: bool = False  #: Whether scene files must give it. Names of effects are numbered there.
 
     shown = "str"
     expected = "a name, a string that is not empty"
@@ -256,18 +244,11 @@ class Label(Name):
 
 @dataclass(frozen=True)
 class Numbers(Kind):
-    """An array of finite numbers, not empty.
-
-    Attributes
-    ----------
-    unit : str
-    each : Real
-        Limits of its entries in scene files.
-    """
+    """An array of finite numbers, not empty."""
 
     unit: str = ""
     text: str = ""
-    each: Real = ANY_NUMBER
+    each: Real = ANY_NUMBER  #: Limits of its entries in scene files.
 
     shown = "array_like, shape (n,)"
     expected = "an array of numbers"
@@ -340,15 +321,9 @@ class RealOrArray(Kind):
 
 @dataclass(frozen=True)
 class Function(Kind):
-    """A Python function, which scene files cannot hold.
+    """A Python function, which scene files cannot hold."""
 
-    Attributes
-    ----------
-    of : str
-        What it is a function of, for messages.
-    """
-
-    of: str = ""
+    of: str = ""  #: What it is a function of, for messages.
     text: str = ""
 
     shown = "callable"

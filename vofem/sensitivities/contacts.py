@@ -218,32 +218,17 @@ class ContactSensitivities:
 
 @dataclass(frozen=True)
 class Peak:
-    """Where the force of a contact is largest in an impact.
+    """Where the force of a contact is largest in an impact."""
 
-    Attributes
-    ----------
-    index : int
-        The segment.
-    tau : float
-        Time after its start, s.
-    law : Law
-    state : ndarray, shape (2n,)
-    slope, bend : float
-        First and second derivative of the force by time there.
-    interior : bool
-        Whether the force is stationary there; else it is largest at an event.
-    event : int, optional
-        This event.
-    """
-
-    index: int
-    tau: float
+    index: int  #: The segment.
+    tau: float  #: Time after its start, s.
     law: Law
-    state: Array
+    state: Array  #: Shape (2n,).
+    #: `slope`, `bend`: first and second derivative of the force by time there.
     slope: float
     bend: float
-    interior: bool
-    event: int | None
+    interior: bool  #: Whether the force is stationary there; else it is largest at an event.
+    event: int | None  #: This event.
 
 
 def peak_of(forward: Forward, j: int, time: float, begin: float, end: float) -> Peak:

@@ -59,6 +59,10 @@ class OrbitSensitivities(MotionSensitivities):
                 "modes"
             )
         self.orbit = orbit
+        contacts = scene.model.system.contacts
+        rigid = None if contacts is None else contacts.rigid_refusal("a derivative of an orbit")
+        if rigid is not None:
+            raise MethodError(f"sensitivities: {rigid}")
         changes = without_state(system_changes(scene, chosen), chosen, "an orbit does not depend on an initial state")
         super().__init__(scene, result, chosen, changes)
         n = self._modal.size

@@ -4,7 +4,7 @@ A column is the derivative of the motion with respect to one unknown. The unknow
 and the durations of segments. At a fixed time a column W of a segment follows the linear part of the motion. At the end
 of the segment, whose time changes by T, the state changes by ``W + f T`` with the rates f of the state there. The next
 segment begins with the column ``W + f T - f_next T``. Nothing is divided by the rate of a gap function, so this holds
-at grazings too.
+at grazings too. At an impact on a rigid stop the state and ``W + f T`` pass the same linear map.
 """
 
 from __future__ import annotations
@@ -172,7 +172,8 @@ class Course:
 
     def along(
         self, time: float, state: Array, statuses: Sequence[Status], durations: Array,
-        columns: Array | None = None, lengthen: Array | None = None, nodes: Array | None = None, *, every: bool = False,
+        columns: Array | None = None, lengthen: Array | None = None, nodes: Array | None = None, *,
+        struck: Sequence[int] = (), every: bool = False,
     ) -> Path:  # fmt: skip
         """Return the motion from a modal state at a time in s through segments.
 
@@ -189,6 +190,8 @@ class Course:
         nodes : ndarray, shape (m - 1, 2n), optional
             States at which the segments after the first begin, in place of the ends of the segments before. The last
             column then contains the differences, as they grow along the motion.
+        struck : sequence of int
+            The rigid stop that is hit at the end of each of the first segments, -1 for none.
         every : bool
             Whether the columns are kept at the ends of all segments.
 
@@ -204,6 +207,8 @@ class Course:
             raise ConvergenceError("a segment became so short that its motion cannot be followed backwards")
         if columns is None or lengthen is None:
             columns, lengthen = np.empty((size, 0)), np.empty((durations.size, 0))
+        hit = np.full(durations.size, -1)
+        hit[: len(struck)] = struck
         k = columns.shape[1]
         kept = np.empty((durations.size if every else 0, size, k))
         nodes = np.empty((0, size)) if nodes is None else np.ascontiguousarray(nodes)
@@ -212,7 +217,7 @@ class Course:
             moved = table.pieces._replace(response=response(bool(table.pieces.pairs.any())))
             starts, ends, means, shifts, end_rows, mean_rows, last, sizes = pass_segments(
                 self._structure, table.maps, moved, table.groups if grouped else None, time,
-                np.ascontiguousarray(state), numbers, durations, np.array(columns, order="C"),
+                np.ascontiguousarray(state), numbers, durations, hit, np.array(columns, order="C"),
                 np.ascontiguousarray(lengthen), nodes, kept, self.horizon,
             )  # fmt: skip
         times = time + np.append(0.0, np.cumsum(durations[:-1]))

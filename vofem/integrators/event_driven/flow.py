@@ -22,7 +22,7 @@ from vofem.integrators.event_driven.modal_space import ModalSpace, modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.tangent import Event, Tangent, acceleration
-from vofem.system import Counters, State, System
+from vofem.system import OPEN, Counters, State, System
 
 if TYPE_CHECKING:
     from vofem.integrators.event_driven.walk import Walker
@@ -70,7 +70,7 @@ class FlowEvent:
         Time in s.
     contact : int
     before, after : int
-        Status of the contact.
+        Status of the contact; both are open at an impact on a rigid stop.
     rate : float
         Rate of its gap function just before, m/s.
     """
@@ -227,6 +227,7 @@ def _pass_along(solution: EventSolution, follower: Follower | Walker, tangent: T
     """Compute perturbations, if there are any, along all segments of a flow; return its events."""
     record, space = solution.record, solution.space
     events: list[FlowEvent] = []
+    bounces = solution.hard_bounces
     for index, duration in enumerate(record.durations):
         if tangent is not None:
             tangent.drift(solution.spectrum(index), duration)
@@ -237,6 +238,14 @@ def _pass_along(solution: EventSolution, follower: Follower | Walker, tangent: T
             time, after = follower.time, follower.status
             displacement, velocity = follower.displacement, follower.velocity
         before = record.status(index)
+        if index + 1 in bounces:
+            number = bounces[index + 1]
+            assert solution.bounces is not None
+            rate = float(solution.bounces.approach[number])
+            events.append(FlowEvent(float(time), int(solution.bounces.contact[number]), OPEN, OPEN, rate))
+            if tangent is not None:
+                tangent.bounce(*solution.impact(number))
+            continue
         changed = np.flatnonzero(before != after).tolist()
         for j in changed:
             rate = float(space.contacts[j] @ velocity)

@@ -52,6 +52,8 @@ class Structure(NamedTuple):
         Coordinates at which the springs of closed contacts are free of force.
     sources : ndarray, shape (e, n)
         Modal forces of the loads.
+    kick : ndarray, shape (c,)
+        An impact on a rigid stop takes this times the speed of approach and the row from the velocity.
     """
 
     stiffness: Array
@@ -60,6 +62,7 @@ class Structure(NamedTuple):
     rows: Array
     gap: Array
     sources: Array
+    kick: Array
 
 
 class Maps(NamedTuple):
@@ -139,7 +142,11 @@ def structure(space: ModalSpace, laws: ContactLaws | None, vectors: Array, loads
     gap = np.zeros(0) if laws is None else laws.offset.astype(float)
     sources, function = np.zeros((loads.size, space.size)), loads.function[0]
     sources[function >= 0] = vectors[function[function >= 0]]
-    return Structure(space.stiffness, space.damping, coupling, np.ascontiguousarray(space.contacts), gap, sources)
+    rows = np.ascontiguousarray(space.contacts)
+    kick = np.zeros(0)
+    if laws is not None:
+        kick = np.where(laws.rigid, 1.0 + laws.restitution, 0.0) / np.sum(rows**2, axis=1)
+    return Structure(space.stiffness, space.damping, coupling, rows, gap, sources, kick)
 
 
 def maps(
@@ -391,12 +398,13 @@ def _columns_after(
 @jit
 def pass_segments(
     structure: Structure, maps: Maps, loads: Pieces, groups: list[Group | None] | None, time: float, state: Array,
-    status: IntArray, durations: Array, columns: Array, lengthen: Array, nodes: Array, all_columns: Array,
-    horizon: float,
+    status: IntArray, durations: Array, struck: IntArray, columns: Array, lengthen: Array, nodes: Array,
+    all_columns: Array, horizon: float,
 ) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:  # fmt: skip
     """Follow a motion from a modal state (2n,) at a time through m segments, with k columns (2n, k).
 
-    The columns at the ends of segments are written to `all_columns`, shape (m, 2n, k) or empty.
+    The columns at the ends of segments are written to `all_columns`, shape (m, 2n, k) or empty. At the end of a segment
+    the rigid stop `struck` may be hit, -1 for none; the state at the end is that before this impact.
 
     Returns
     -------
@@ -409,7 +417,7 @@ def pass_segments(
     end_rows, mean_rows : ndarray, shape (m, c, k)
         Derivatives of the contacts' coordinates at the ends, and of their mean rates.
     columns : ndarray, shape (2n, k)
-        At the end of the last segment.
+        At the end of the last segment, after an impact there.
     sizes : ndarray, shape (2,)
         Largest norms of displacement and velocity.
     """
@@ -475,4 +483,11 @@ def pass_segments(
             if k:
                 columns[:, k - 1] += ends[i] - nodes[i]
             state = nodes[i].copy()
+        if struck[i] >= 0:
+            row, kick = structure.rows[struck[i]], structure.kick[struck[i]]
+            state[n:] -= kick * np.sum(row * state[n:]) * row
+            if k:
+                speeds = kick * (row @ columns[n:].copy())
+                for a in range(n):
+                    columns[n + a] = columns[n + a] - row[a] * speeds
     return starts, ends, means, shifts, end_rows, mean_rows, columns, sizes

@@ -217,9 +217,10 @@ def _solution(system: System, t_end: float, times: Array, counters: Counters) ->
     if system.sliders is None:
         space = system.cache.get("modal space", None, lambda: modal_space(system, counters))
         return EventSolution(system, space, t_end, times, counters)
-    from vofem.integrators.event_driven.sliding import SlidingSolution, whole_system
+    from vofem.integrators.event_driven.sliders import with_sliders
+    from vofem.integrators.event_driven.sliding import SlidingSolution
 
-    whole = whole_system(system)
+    whole = with_sliders(system)
     space = whole.cache.get("modal space", None, lambda: modal_space(whole, counters))
     return SlidingSolution(system, space, t_end, times, counters)
 

@@ -10,7 +10,7 @@ segment follows from the state there. With S for the displacements that put rigi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -48,7 +48,7 @@ def with_sliders(system: System) -> System:
     if contacts is not None:
         joined: dict[str, Any] = {name: np.concatenate([getattr(contacts, name), own]) for name, own in numbers.items()}
         both = ContactLaws((*contacts.names, *group.names), vstack([contacts.rows, group.rows], format="csr"), **joined)
-    return replace(system, laws=(both,))
+    return system.with_laws("with sliders", (both,))
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ class SlidingSolution(EventSolution):
     """The run of a scene with sliders, which are further rows behind those of the contacts."""
 
     def __init__(self, system: System, space: ModalSpace, t_end: float, times: Array, counters: Counters) -> None:
-        whole = whole_system(system)
+        whole = with_sliders(system)
         super().__init__(whole, space, t_end, times, counters)
         self.given = system
         group = system.sliders
@@ -392,9 +392,3 @@ class SlidingSolution(EventSolution):
 
     def conclude(self) -> None:
         """Write the notes."""
-
-
-def whole_system(system: System) -> System:
-    """Return the system in which sliders follow the contacts, made once."""
-    found: System = system.cache.get("with sliders", None, lambda: with_sliders(system))
-    return found

@@ -645,10 +645,8 @@ class EventSolution:
         laws = self.system.contacts
         record, traveller = self.record, Perturbation(self.space, laws)
         growth = np.zeros(record.segments + 1)
-        table, index, bounced = self._free_table(), 0, dict[int, int]()
-        if self.bounces is not None:
-            hard = np.flatnonzero(self.events.status[self.bounces.event] == CLOSED)
-            table, bounced = None, {int(self.bounces.segment[k]): int(k) for k in hard}
+        bounced, index = self.hard_bounces, 0
+        table = self._free_table() if self.bounces is None else None
         while index < record.segments:
             done = index if table is None else traveller.follow(table, record, index, growth)
             if done > index:
@@ -660,14 +658,22 @@ class EventSolution:
                 after, (_, velocity) = record.status(index + 1), record.state(index + 1)
                 changed = np.flatnonzero(after != status)
                 if index + 1 in bounced:
-                    traveller.bounce(*self._impact(bounced[index + 1]))
+                    traveller.bounce(*self.impact(bounced[index + 1]))
                 elif changed.size:
                     traveller.jump([(int(j), int(status[j]), int(after[j])) for j in changed], velocity)
             index += 1
             growth[index] = traveller.growth
         return Sensitivity(np.append(self.segment_starts, self.t_end), growth)
 
-    def _impact(self, k: int) -> tuple[Array, float, float, tuple[Array, Array]]:
+    @property
+    def hard_bounces(self) -> dict[int, int]:
+        """Numbers of the bounces off rigid stops that do not end at rest there, by the segments that they begin."""
+        if self.bounces is None:
+            return {}
+        hard = np.flatnonzero(self.events.status[self.bounces.event] == CLOSED)
+        return {int(self.bounces.segment[k]): int(k) for k in hard}
+
+    def impact(self, k: int) -> tuple[Array, float, float, tuple[Array, Array]]:
         """Return row, restitution, speed of approach, and accelerations before and after an impact on a rigid stop."""
         bounces, laws, record = self.bounces, self.system.contacts, self.record
         assert bounces is not None

@@ -39,15 +39,9 @@ class View(Protocol):
 class SideView:
     """Side views of a scene.
 
-    Parameters
-    ----------
-    states : list of Snapshot
-    size : (int, int)
-        Width and height in pixels.
-    magnification : float, optional
-        Factor by which displacements are enlarged.
-    title : str
-        Stands before the time.
+    `size`: width and height in pixels.
+    `magnification`: factor by which displacements are enlarged.
+    `title`: stands before the time.
     """
 
     def __init__(

@@ -209,14 +209,8 @@ def _scene(text: str, problem: str, folder: Path, content: dict[str, Any] | None
 class _Loaded:
     """Finds further orbits of a branch from a file; see `branch.Source`.
 
-    Parameters
-    ----------
-    kept : dict
-        What the file holds of the orbits.
-    values : ndarray, shape (n_points,)
-    special : list of SpecialPoint
-    orbits : sequence of PeriodicOrbit
-    folder : Path
+    `kept`: what the file holds of the orbits.
+    `values` has shape (n_points,).
     """
 
     def __init__(

@@ -28,19 +28,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class History:
-    """The arrays that are read back.
+    """The arrays that are read back."""
 
-    Attributes
-    ----------
-    times : ndarray, shape (n_times,)
-    samples : Samples
-    contacts : ContactSamples or None
-    energy : Energy
-    events : Events
-    recorded : ProbeSamples or None
-    """
-
-    times: Array
+    times: Array  #: Shape (n_times,).
     samples: Samples
     contacts: ContactSamples | None
     energy: Energy

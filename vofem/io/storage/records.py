@@ -46,13 +46,8 @@ _NAMES_OF = {cls: name for name, cls in _CLASSES.items()}
 def scene_record(scene: Scene, q: Array, times: Array) -> dict[str, Any]:
     """Return what a file keeps of a scene: its parts if their classes are known here, and what its equations are.
 
-    Parameters
-    ----------
-    scene : Scene
-    q : ndarray, shape (n, n_times)
-        Displacements at which the run has used laws written in Python.
-    times : ndarray, shape (n_times,)
-        Times of the loads in s at which it has used Python functions.
+    `q` (shape (n, n_times)): displacements at which the run has used laws written in Python.
+    `times` (shape (n_times,)): times of the loads in s at which it has used Python functions.
     """
     points = [point for effect in scene.effects for point in effect.points()]
     foreign = [body.label for body in scene.bodies if type(body) not in (Beam, Mass)]
@@ -88,12 +83,8 @@ def restored_scene(record: Mapping[str, Any], scene: Scene | None, call: str, fi
 
     Functions of time and laws in Python are not compared. Messages name `call`, such as "resume", and `file`.
 
-    Raises
-    ------
-    ArgumentError
-        If the given scene has other equations.
-    MissingCallableError
-        If the scene has bodies that the file does not hold, and none is given.
+    Raises `ArgumentError` if the given scene has other equations.
+    Raises `MissingCallableError` if the scene has bodies that the file does not hold, and none is given.
     """
     if scene is not None:
         if equations(as_scene(call, scene).model.system) != record["equations"]:
@@ -143,10 +134,7 @@ def equations(system: System) -> str:
 class Encoder:
     """Turns the parts of a scene into plain data; see `tree.write_tree`.
 
-    Parameters
-    ----------
-    times : ndarray, shape (n_times,)
-        Times of the loads in s at which a run has used functions of other packages.
+    `times` (shape (n_times,)): times of the loads in s at which a run has used functions of other packages.
     """
 
     def __init__(self, times: Array) -> None:

@@ -38,22 +38,11 @@ _LEAST = 1e-8
 
 @dataclass(frozen=True)
 class Effort:
-    """How long a study may take.
+    """How long a study may take."""
 
-    Attributes
-    ----------
-    repeats : int
-        Runs of which the shortest time counts.
-    cap : float
-        In s. A run that would take longer is left out; none is repeated beyond it.
-    workers : int
-        Processes for runs that are not timed.
-    progress : callable, optional
-    """
-
-    repeats: int = 3
-    cap: float = 10.0
-    workers: int = 1
+    repeats: int = 3  #: Runs of which the shortest time counts.
+    cap: float = 10.0  #: In s. A run that would take longer is left out; none is repeated beyond it.
+    workers: int = 1  #: Processes for runs that are not timed.
     progress: Progress | None = None
 
 
@@ -91,15 +80,8 @@ class Source:
 class Bench:
     """Reference and runs of one scene.
 
-    Parameters
-    ----------
-    source : Source
-    t_end : float
-        End of the runs, s.
-    samples : int
-        Number of uniform times at which runs are compared.
-    point : point, optional
-    effort : Effort
+    `t_end`: end of the runs, s.
+    `samples`: number of uniform times at which runs are compared.
     """
 
     def __init__(self, source: Source, t_end: float, samples: int, point: Any, effort: Effort) -> None:
@@ -172,11 +154,7 @@ class Bench:
     def measure(self, setting: Setting, expected: float = 0.0) -> Run | None:
         """Run in one way, and keep what came of it; None where it was left out.
 
-        Parameters
-        ----------
-        setting : Setting
-        expected : float
-            Seconds that the run will take by what is known of others.
+        `expected`: seconds that the run will take by what is known of others.
         """
         found: Run | LeftOut
         if expected > self.effort.cap:

@@ -35,44 +35,23 @@ _SECOND_ORDER = (3.0, 5.3)
 
 @dataclass(frozen=True)
 class Exact:
-    """A run without error in time, or with a known one, on one mesh.
-
-    Attributes
-    ----------
-    observed : Observed
-    how : str
-        How it was computed.
-    error : float
-        Estimated error of the point's displacement on this mesh, m: rounding and truncation, or of the steps.
-    horizon : float
-        Time in s until which pointwise values are meaningful.
-    """
+    """A run without error in time, or with a known one, on one mesh."""
 
     observed: Observed
-    how: str
+    how: str  #: How it was computed.
+    #: Estimated error of the point's displacement on this mesh, m: rounding and truncation, or of the steps.
     error: float
-    horizon: float
+    horizon: float  #: Time in s until which pointwise values are meaningful.
 
 
 @dataclass(frozen=True)
 class Question:
-    """The question that every run answers: duration, times of comparison and point.
+    """The question that every run answers: duration, times of comparison and point."""
 
-    Attributes
-    ----------
-    t_end : float
-        End of the run, s.
-    times : ndarray, shape (n_times,)
-        Times of comparison, s.
-    point : point
-    cap : float
-        Seconds after which no finer run begins where a reference is found by halving steps.
-    """
-
-    t_end: float
-    times: Array
+    t_end: float  #: End of the run, s.
+    times: Array  #: Times of comparison, s, shape (n_times,).
     point: Any
-    cap: float
+    cap: float  #: Seconds after which no finer run begins where a reference is found by halving steps.
 
 
 def exact(scene: Scene, question: Question) -> Exact:
@@ -111,16 +90,9 @@ def _event_driven(scene: Scene, question: Question) -> Result:
 def rounding(scene: Scene, question: Question, observed: Observed, horizon: float, run: Any) -> float:
     """Return the largest difference to a run of the same equations with other rounding errors, m; NaN without one.
 
-    Parameters
-    ----------
-    scene : Scene
-    question : Question
-    observed : Observed
-        What the run of the scene itself gave.
-    horizon : float
-        Differences beyond it are left aside, s.
-    run : callable of a scene and the question
-        Returns a Result.
+    `observed`: what the run of the scene itself gave.
+    `horizon`: differences beyond it are left aside, s.
+    `run`: returns a Result.
     """
     other = scaled(scene)
     if other is None:

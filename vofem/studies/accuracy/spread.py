@@ -10,15 +10,10 @@ from typing import Any
 def spread(function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], workers: int) -> Iterator[tuple[int, Any]]:
     """Give the index of every job and what the function returns for it, as they are done.
 
-    Parameters
-    ----------
-    function : callable
-        A function of a module, so that other processes can import it.
-    jobs : sequence of tuple
-        Arguments.
-    workers : int
-        Processes. With 1, or where a job cannot be sent to another process (a
-        lambda in a scene cannot), all is done in this one.
+    `function`: a function of a module, so that other processes can import it.
+    `jobs`: arguments.
+    `workers`: processes. With 1, or where a job cannot be sent to another process (a lambda in a scene cannot), all is
+    done in this one.
     """
     if workers > 1 and len(jobs) > 1 and _can_be_sent(jobs):
         yield from _elsewhere(function, jobs, min(workers, len(jobs)))

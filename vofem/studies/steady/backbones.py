@@ -163,6 +163,9 @@ def _check(scene: Scene, system: System) -> None:
     reason = shooting_refusal(scene)
     if reason is not None:
         raise MethodError(f"backbone: {reason.split('. Use ')[0].split('; use')[0]}")
+    rigid = None if system.contacts is None else system.contacts.rigid_refusal("backbone")
+    if rigid is not None:
+        raise MethodError(rigid)
     what = ""
     if system.loads:
         what = system.loads[0].name

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.errors import ConvergenceError, EventStormError, MethodError
+from vofem.errors import ArgumentError, ConvergenceError, EventStormError, MethodError
 from vofem.initial import Initial, StoredState
 from vofem.integrators.event_driven.along import Course
 from vofem.integrators.event_driven.flow import Flow, Start, flow, modal_state, modes_of, share_modes
@@ -198,7 +198,19 @@ class Shooting:
         period = np.array([self.loads.period])
         path = self.course.along(0.0, np.zeros(2 * n), [status], period, np.eye(2 * n), np.zeros((1, 2 * n)))
         self.work.flows += 1
-        return self.unmodal(np.linalg.lstsq(np.eye(2 * n) - path.columns, path.ends[0], rcond=1e-12)[0])
+        return self.outside(self.unmodal(np.linalg.lstsq(np.eye(2 * n) - path.columns, path.ends[0], rcond=1e-12)[0]))
+
+    def outside(self, unknowns: Array) -> Array:
+        """Return the unknowns of a guess without bodies inside rigid stops: they stand at these stops."""
+        laws = self.system.contacts
+        if laws is None or not laws.rigid.any():
+            return unknowns
+        z, v = self.to_modes(unknowns)
+        inside = np.flatnonzero(laws.rigid & (self.space.contacts @ z > laws.gap))
+        if not inside.size:
+            return unknowns
+        rows = self.space.contacts[inside]
+        return self.to_unknowns(z - np.linalg.pinv(rows) @ (rows @ z - laws.gap[inside]), v)
 
     def from_orbit(self, orbit: Any) -> Array:
         """Return the unknowns of an orbit, of the last period of a `Result`, or of anything a run can start from."""
@@ -222,7 +234,8 @@ class Shooting:
             raise ConvergenceError("the iteration diverged: a state is not finite")
         try:
             return flow(self.system, start, stop, derivative=derivative, counters=self.work.runs)
-        except EventStormError as error:
+        except (EventStormError, ArgumentError) as error:
+            # A state inside a rigid stop is refused as one of a scene is.
             raise ConvergenceError(str(error)) from error
 
     def orbit(self, unknowns: Array, evaluation: Any) -> PeriodicOrbit:
@@ -277,10 +290,6 @@ def shooting_refusal(scene: Scene) -> str | None:
     sliders = system.sliders
     if reason is None and sliders is not None:
         return sliders.refusal("a search of periodic orbits")
-    if reason is None and system.contacts is not None:
-        reason = system.contacts.rigid_refusal("a search of periodic orbits")
-        if reason is not None:
-            return reason
     if reason is not None:
         why = reason.split(". Use ")[0].rstrip(".")
         return f"{why}; shooting needs what event_driven needs. Use method='harmonic_balance'"

@@ -6,6 +6,8 @@ and that every contact switches at its gap. If a contact has switched before, it
 coordinate since then, divided by the length in between. In this form a touch may have the length zero, and the orbit
 just grazes the contact. All equations are analytic in the unknowns and in the parameter, through such a grazing too.
 
+An impact on a rigid stop is a switch that leaves the contact open; the state passes a linear map there.
+
 H. Dankowicz, F. Schilder, Recipes for Continuation, SIAM 2013, doi:10.1137/1.9781611972573 (segments as unknowns).
 """
 
@@ -67,7 +69,7 @@ _SINGULAR = 1e3
 
 
 class Switch(NamedTuple):
-    """A contact and the status that it takes."""
+    """A contact and the status that it takes, that which it has at an impact on a rigid stop."""
 
     contact: int
     status: int
@@ -230,6 +232,8 @@ class SignatureEvaluation:
             raise ConvergenceError("the derivative of an orbit is not finite")
         if self.chart.smooth(self.problem) or not switches.size:
             return np.asarray(matrix)
+        if min(self.chart.approaches(self.problem, self).values(), default=np.inf) * _SINGULAR <= self.sizes[1]:
+            return None
         scaled = switches[:, n:] / np.linalg.norm(switches[:, n:], axis=1)[:, None]
         if np.linalg.cond(scaled) >= _SINGULAR:
             return None
@@ -315,10 +319,19 @@ class Signature:
         """For every switch the one before of the same contact, if there is one after the anchor."""
         found: list[int | None] = []
         latest: dict[int, int] = {}
-        for k, (contact, _) in enumerate(self.switches):
-            found.append(latest.get(contact))
-            latest[contact] = k
+        for k, (contact, status) in enumerate(self.switches):
+            found.append(latest.pop(contact, None))
+            if status == self.statuses[k][contact]:
+                # The coordinate between two impacts is no short touch.
+                found[-1] = None
+            else:
+                latest[contact] = k
         return found
+
+    @cached_property
+    def struck(self) -> list[int]:
+        """For every switch the rigid stop that is hit, or -1."""
+        return [j if now[j] == status else -1 for now, (j, status) in zip(self.statuses, self.switches, strict=False)]
 
     def lengths(self, y: Array) -> Array:
         """Return the lengths of all segments in rad, shape (n_switches + 1,)."""
@@ -367,7 +380,7 @@ class Signature:
         problem.work.flows += derivative
         path = problem.course.along(
             self.anchor / omega, problem.modal(y[:n]), self.statuses, lengths / omega, columns, lengthen, nodes,
-            every=columns is not None and (nodes is not None or self._releases),
+            struck=self.struck, every=columns is not None and (nodes is not None or self._releases),
         )  # fmt: skip
         closing = problem.unmodal(path.ends[-1]) - y[:n]
         residual, jacobian = np.empty(n + k), np.empty((n + k, n + k) if derivative else (0, 0))
@@ -408,7 +421,7 @@ class Signature:
         if laws is None:
             return True
         used = sorted({contact for contact, _ in self.switches})
-        return not np.any((laws.jump & (laws.gap > 0.0))[used] | (laws.damping[used] > 0.0))
+        return not np.any((laws.jump & (laws.gap > 0.0) | laws.rigid)[used] | (laws.damping[used] > 0.0))
 
     def _switching(self, problem: Shooting, path: Path) -> tuple[Array, Array, Array]:
         """Return the equations of k switches: values (k,), derivatives (k, columns), and sizes to compare with (k,)."""
@@ -514,9 +527,18 @@ class Signature:
         for contact in range(len(self.start)):
             mine = [(p, s.status) for p, s in zip(phases, self.switches, strict=True) if s.contact == contact]
             seen = [(e.time * omega, e.after) for e in flow.events if e.contact == contact]
-            if [status for _, status in _without_short(mine)] != [status for _, status in _without_short(seen)]:
+            hit = contact in self.struck or any(e.contact == contact and e.before == e.after for e in flow.events)
+            if not hit:
+                mine, seen = _without_short(mine), _without_short(seen)
+            if [status for _, status in mine] != [status for _, status in seen]:
                 return False
         return True
+
+    def approaches(self, problem: Shooting, evaluation: SignatureEvaluation) -> dict[int, float]:
+        """Return the speeds of approach of all impacts on rigid stops, m/s, by the numbers of their switches."""
+        rows, n = problem.space.contacts, problem.size // 2
+        speeds = evaluation.path.ends[:, n:]
+        return {k: float(rows[j] @ speeds[k]) for k, j in enumerate(self.struck) if j >= 0}
 
     def first_touch(self, evaluation: SignatureEvaluation, flow: Flow) -> Extreme | None:
         """Return the extreme at the first touch of a flow that is none of the signature's, found however short."""
@@ -561,6 +583,17 @@ class Signature:
         nothing = np.zeros(2 * len(contacts) - 1)
         more = np.concatenate([lengths[:k], [before], nothing, [lengths[k] - before], lengths[k + 1 :]])
         return self._like(switches), np.concatenate([y[:n], more[:-1]]), n + k + len(contacts)
+
+    def merged(self, y: Array, k: int) -> tuple[Signature, Array]:
+        """Return the signature in which switches k and k + 1 of one contact, at one time, are one, and coordinates."""
+        n = y.size - len(self.switches)
+        return self._like((*self.switches[:k], *self.switches[k + 1 :])), np.delete(y, n + k + 1)
+
+    def split(self, y: Array, k: int, between: int) -> tuple[Signature, Array, int]:
+        """Return the signature in which a contact takes a status for no time at switch k, coordinates and its place."""
+        n = y.size - len(self.switches)
+        switches = (*self.switches[:k], Switch(self.switches[k].contact, between), *self.switches[k:])
+        return self._like(switches), np.insert(y, n + k + 1, 0.0), n + k + 1
 
     def without(self, y: Array, gone: Sequence[int]) -> tuple[Signature, Array]:
         """Return the signature without some switches, given by their numbers, and its coordinates."""
@@ -637,8 +670,9 @@ class Signature:
         moves[first, 0] = -moves[:first, 0].sum()
         column = problem.modal(tangent[:n, None])
         path = problem.course.along(
-            self.anchor / omega, problem.modal(y[:n]), self.statuses[: first + 1], cut / omega, column, moves
-        )
+            self.anchor / omega, problem.modal(y[:n]), self.statuses[: first + 1], cut / omega, column, moves,
+            struck=self.struck[:first],
+        )  # fmt: skip
         state, moved = problem.unmodal(path.ends[-1]), problem.unmodal(path.columns[:, 0])
         switches = (*self.switches[first:], *self.switches[:first])
         anchor = self.anchor + float(cut.sum())

@@ -26,6 +26,9 @@ _EXACT = 1e-16
 #: at length zero.
 BEYOND, _SEVERAL = 1e-8, 1e-6
 
+#: Speed of approach of an impact that has just begun, over that of the motion.
+_SLOW = 1e-6
+
 #: Length in rad below which a touch may be about to end.
 _NEARLY = 5e-3
 
@@ -82,14 +85,15 @@ class Passage:
 class _Change:
     """A change between two neighbours: its share of the step, and what changes.
 
-    Either an extreme that touches its contact, pairs of switches that vanish, or the place of a length that vanishes
-    between switches of two contacts.
+    Either an extreme that touches its contact, pairs of switches that vanish, the place of a length that vanishes
+    between switches of two contacts, or an impact on a rigid stop whose speed vanishes.
     """
 
     share: float
     extreme: Extreme | None = None
     pairs: tuple[tuple[int, int], ...] = ()
     place: int = -1
+    impact: int = -1
 
 
 def passage(family: Family, interval: Interval, now: Point, after: Point) -> Passage | None:
@@ -263,7 +267,21 @@ def _vanishing(now: Point, after: Point, without: Sequence[int] = ()) -> list[_C
             continue
         here, there = float(first[k]), float(last[k])
         found.append(_Change(here / (here - there) if here > there else 0.0, place=n + k))
-    return found
+    return [*found, *_slowing(now, after, without)]
+
+
+def _slowing(now: Point, after: Point, without: Sequence[int]) -> list[_Change]:
+    """Return impacts on rigid stops whose speed of approach passes zero."""
+    chart: Signature = now.chart
+    speeds = chart.approaches(after.problem, after.evaluation)
+    if not speeds:
+        return []
+    first, rounding = chart.approaches(now.problem, now.evaluation), ROUNDING * after.evaluation.sizes[1]
+    return [
+        _Change(max(first[k], 0.0) / (max(first[k], 0.0) - speed), impact=k)
+        for k, speed in speeds.items()
+        if speed < -rounding and chart.switches[k].contact not in without
+    ]
 
 
 def _touching(now: Point, after: Point, rounding: float = ROUNDING) -> list[_Change]:
@@ -295,12 +313,20 @@ def _located(family: Family, interval: Interval, now: Point, after: Point, chang
         return _begins(family, interval, now, after, guess, change.extreme)
     if change.pairs:
         return _ends(family, interval, now, after, guess, change.pairs)
+    if change.impact >= 0:
+        return _impact_ends(family, interval, now, after, guess, change.impact)
     chart: Signature = now.chart
     at = _with_length(family, interval, chart, guess, change.place, 0.0)
     _between(now, after, at.y)
     other, y = chart.swapped(at.y[:-1], change.place)
     towards = np.zeros(at.y.size)
     towards[change.place] = 1.0
+    k = change.place - at.problem.size
+    if max(chart.struck[k - 1 : k + 1]) >= 0 and _coupled(at.problem, chart, k):
+        raise ConvergenceError(
+            "two impacts happen at the same time, of bodies that move each other; beyond, their order is another one, "
+            "and so is the motion"
+        )
     beyond = _point(family, interval, other, np.append(y, at.value), towards)
     return Passage(_along(now, at), at, beyond, ())
 
@@ -317,13 +343,85 @@ def _begins(family: Family, interval: Interval, now: Point, after: Point, guess:
     known = [(extreme.contact, phase), *zip((s.contact for s in old.switches), old.phases(state.y[:-1]), strict=True)]
     others = _grazing(state, known)
     grazed = tuple(sorted((extreme.contact, *(e.contact for e in others))))
-    if not others:
+    if not others and not _rigid(at.problem, grazed):
         beyond = _lengthened(family, interval, at, [(place, 1)], BEYOND)
         return Passage(state, state, _not_turned(beyond, state), grazed)
+    every = [extreme._replace(phase=phase), *others]
+    if _rigid(at.problem, grazed):
+        return Passage(state, state, _hitting(family, interval, state, every), grazed)
     if _jump(at.problem, grazed):
         return Passage(state, state, None, grazed)
-    every = [extreme._replace(phase=phase), *others]
     return Passage(state, state, _touched(family, interval, state, every), grazed)
+
+
+def _hitting(family: Family, interval: Interval, at: Point, extremes: Sequence[Extreme]) -> Point | None:
+    """Return the orbit with impacts of no speed at extremes that graze rigid stops; None where branches may fork.
+
+    The impacts become faster along the direction of the branch.
+    """
+    if not all(_rigid(at.problem, [e.contact]) for e in extremes):
+        return None
+    chart, y = at.chart, at.y[:-1]
+    for e in extremes:
+        chart, y, place = chart.with_touch(y, (e.contact,), e.phase)
+        chart, y = chart.merged(y, place - at.problem.size - 1)
+    phases = chart.phases(y)
+    new = [
+        k
+        for k, j in enumerate(chart.struck)
+        if any(j == e.contact and _alike(chart, float(phases[k]), e.phase) for e in extremes)
+    ]
+    return _faster(family, interval, chart, np.append(y, at.value), new)
+
+
+def _impact_ends(family: Family, interval: Interval, now: Point, after: Point, guess: Array, number: int) -> Passage:
+    """Return the orbit that grazes a rigid stop, where the speed of an impact vanishes, and the same without it."""
+    old: Signature = now.chart
+    chart, y, place = old.split(guess[:-1], number, CLOSED)
+    at = _with_length(family, interval, chart, np.append(y, guess[-1]), place, 0.0)
+    old, y = chart.merged(at.y[:-1], number)
+    y = np.append(y, at.value)
+    _between(now, after, y)
+    here = old.evaluate(at.problem, y[:-1], derivative=False)
+    speeds, rounding = old.approaches(at.problem, here), _TOGETHER * here.sizes[1]
+    ended = [number, *(k for k, speed in speeds.items() if k != number and abs(speed) <= rounding)]
+    before = _faster(family, interval, old, y, ended)
+    if before is None:
+        raise ConvergenceError("an impact becomes slower as another one becomes faster")
+    before, y = replace(before, tangent=-before.tangent), y[:-1]
+    known = [(old.switches[k].contact, float(old.phases(y)[k])) for k in ended]
+    out, y = old.without(y, ended)
+    y = np.append(y, at.value)
+    outside = _point(family, interval, out, y, np.append(np.zeros(y.size - 1), 1.0))
+    if _rise(family, outside, *known[0]) > 0.0:
+        outside = replace(outside, tangent=-outside.tangent)
+    others = _grazing(outside, known)
+    grazed = tuple(sorted([*(contact for contact, _ in known), *(e.contact for e in others)]))
+    return Passage(before, outside, None if others else outside, grazed)
+
+
+def _faster(family: Family, interval: Interval, chart: Signature, y: Array, numbers: Sequence[int]) -> Point | None:
+    """Return the next orbit on the side on which some impacts of no speed become faster; None if not all of them do."""
+    point = _point(family, interval, chart, y, np.append(np.zeros(y.size - 1), 1.0))
+    rises = _speeding(family, point, numbers)
+    if rises.max() < 0.0:
+        point, rises = replace(point, tangent=-point.tangent), -rises
+    if not rises.min() > 0.0:
+        return None
+    guess = y + _SLOW * point.evaluation.sizes[1] / float(rises.min()) * point.tangent * point.scales
+    y, _, _ = corrected(family, chart, guess, point.scales, point.tangent, point.by_value)
+    return _point(family, interval, chart, y, point.tangent)
+
+
+def _speeding(family: Family, point: Point, numbers: Sequence[int]) -> Array:
+    """Return the derivatives of the speeds of some impacts along a branch, in scaled coordinates."""
+    values = []
+    for sign in (1.0, -1.0):
+        y = point.y + sign * _DIFFERENCE * point.tangent * point.scales
+        problem = family.of(y)
+        speeds = point.chart.approaches(problem, point.chart.evaluate(problem, y[:-1], derivative=False))
+        values.append([speeds[k] for k in numbers])
+    return (np.array(values[0]) - np.array(values[1])) / (2.0 * _DIFFERENCE)
 
 
 def _touched(family: Family, interval: Interval, at: Point, extremes: Sequence[Extreme]) -> Point:
@@ -419,6 +517,9 @@ def what_contacts_do(point: Point) -> list[str]:
                 )
         if _jump(point.problem, [contact]) and len(mine) > _SEQUENCE:
             found.append(f"its force jumps, so that it may chatter: touches of {name!r} may become infinitely many")
+        hits = chart.struck.count(contact)
+        if hits > _SEQUENCE:
+            found.append(f"{name!r} is hit {hits} times an orbit: impacts may become infinitely many")
         near = [-e.height for e in point.evaluation.extremes if e.contact == contact and e.height > -_CLOSE]
         if near:
             found.append(f"contact {name!r} comes within {max(min(near), 0.0):.2g} of the motion to its gap")
@@ -466,6 +567,17 @@ def _jump(problem: Any, contacts: Sequence[int]) -> bool:
     """Return whether the force of one of some contacts jumps."""
     laws = problem.system.contacts
     return bool(np.any(laws.jump[list(contacts)] & (laws.gap[list(contacts)] > 0.0)))
+
+
+def _rigid(problem: Any, contacts: Sequence[int]) -> bool:
+    """Return whether one of some contacts is a rigid stop."""
+    return bool(np.any(problem.system.contacts.rigid[list(contacts)]))
+
+
+def _coupled(problem: Any, chart: Signature, k: int) -> bool:
+    """Return whether what happens at switch k and at the one before acts on the coordinate of the other."""
+    one, other = (problem.space.contacts[chart.switches[j].contact] for j in (k - 1, k))
+    return abs(one @ other) > ROUNDING * float(np.linalg.norm(one) * np.linalg.norm(other))
 
 
 def _between(now: Point, after: Point, y: Array) -> None:
