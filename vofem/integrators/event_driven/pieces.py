@@ -116,7 +116,7 @@ class Pieces(NamedTuple):
         See `Blocks`.
     steady : ndarray, shape (s, 2n, 2e)
         Steady answers of the blocks.
-    work, bits : ndarray, shapes (6, M) and (M,)
+    work : ndarray, shape (7, M)
         Work space.
     response : Response
     """
@@ -129,7 +129,6 @@ class Pieces(NamedTuple):
     gain: Array
     steady: Array
     work: Array
-    bits: IntArray
     response: Response
 
 
@@ -201,7 +200,6 @@ def pieces(regimes: Sequence[Regime], loads: Exosystem, n: int) -> Pieces:
         of[k, :, : e + m], pairs[k] = blocks.of, blocks.pair.shape[0]
         pair[k, : pairs[k]], gain[k, : pairs[k]] = blocks.pair, blocks.gain
         steady[k, :, :m] = regime.answers.steady.reshape(2, m, 2 * e)
-    work, bits = np.empty((6, e + n)), np.zeros(e + n, dtype=np.int64)
     return Pieces(
         loads.at(np.zeros(1))[0],
         loads.omega[0],
@@ -210,8 +208,7 @@ def pieces(regimes: Sequence[Regime], loads: Exosystem, n: int) -> Pieces:
         pair,
         gain,
         steady.reshape(s, 2 * n, 2 * e),
-        work,
-        bits,
+        np.empty((7, e + n)),
         response(False),
     )
 
@@ -279,9 +276,9 @@ def _block_changes(
     r = loads.pairs[s]
     of, pair, gain = loads.of[s], loads.pair[s, :r], loads.gain[s, :r]
     if groups is None:
-        change(Blocks(of, pair, gain, None, loads.work, loads.bits, loads.response), begin, tau, moved)
+        change(Blocks(of, pair, gain, None, loads.work, loads.response), begin, tau, moved)
     else:
-        change(Blocks(of, pair, gain, groups[s], loads.work, loads.bits, loads.response), begin, tau, moved)
+        change(Blocks(of, pair, gain, groups[s], loads.work, loads.response), begin, tau, moved)
     steady = _answered(loads.steady[s], moved[:, :e])
     return (moved[0, e:] + steady[:n]).reshape(n, 1), (moved[1, e:] + steady[n:]).reshape(n, 1)
 
