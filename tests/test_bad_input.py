@@ -1,7 +1,5 @@
 """Bad input gives a typed error that names the thing and the cure, and gives it at once."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np
@@ -127,6 +125,9 @@ CASES += [
     (lambda: beam(EI=lambda x: 1.0 if x < 0.5 else 2.0), r"use np\.where"),
     (lambda: vf.Contact(beam().at(0.5), beam().at(0.5), gap=0.0, stiffness=1.0), "acts_on is missing"),
     (lambda: vf.Contact(*(2 * [beam().at(0.5)]), gap=0.0, stiffness=1.0, acts_on="penetration"), "are the same point"),
+    (lambda: vf.Spring(*(2 * [vf.Mass(1.0)]), stiffness=1.0), "Spring: a and b are the same point"),
+    (lambda: vf.Dashpot(*(2 * [beam().at(0.5)]), damping=1.0), "or one alone for an effect between it and ground"),
+    (lambda: vf.RotationalSpring(*(2 * [beam().at(0.5)]), stiffness=1.0), "point and other are the same point"),
     (lambda: vf.simulate(scene()[1], 1.0, max_events=-3), "max_events is -3"),
     (lambda: vf.simulate(scene()[1], 1.0, pin_fraction="a"), "pin_fraction is 'a'"),
     (lambda: vf.simulate(scene()[1], 1.0, times=[]), r"times has shape \(0,\)"),
@@ -267,6 +268,7 @@ def test_names_in_results():
     result = vf.simulate(s, 1.0)
     with pytest.raises(vf.ArgumentError, match="did you mean 'stop'"):
         result.contacts["stopp"]
+    assert ("stop" in result.contacts, "stopp" in result.contacts) == (True, False)
     with pytest.raises(vf.ArgumentError, match="no body is named 'other'"):
         result.displacement(beam(name="other").at(1.0))
     with pytest.raises(vf.ArgumentError, match="has no support at 'right'"):

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import nearest
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.laws import gathered_past
 from vofem.system import State
@@ -17,8 +17,6 @@ from vofem.system import State
 if TYPE_CHECKING:
     from vofem.assembly import Effect, Model
     from vofem.bodies.base import Body
-
-Array = NDArray[np.float64]
 
 
 class StateSource(Protocol):
@@ -30,24 +28,12 @@ class StateSource(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class StoredState:
-    """The state at the end of an earlier outcome: the degrees of freedom of every body, by name.
+    """The state at the end of an earlier outcome: the degrees of freedom of every body, by name."""
 
-    Attributes
-    ----------
-    states : dict of str to (ndarray, ndarray)
-        Degrees of freedom and rates by the name of the body, each (size,).
-    springs : dict of str to ndarray
-        States of hysteretic springs by name.
-    springpots : tuple of str
-        Names of springpots, whose past is not kept.
-    source : str
-        Class of the outcome, for messages.
-    """
-
-    states: dict[str, tuple[Array, Array]]
-    springs: dict[str, Array]
-    springpots: tuple[str, ...] = ()
-    source: str = "state of an earlier run"
+    states: dict[str, tuple[Array, Array]]  #: Degrees of freedom and rates by the name of the body, each (size,).
+    springs: dict[str, Array]  #: States of hysteretic springs by name.
+    springpots: tuple[str, ...] = ()  #: Names of springpots, whose past is not kept.
+    source: str = "state of an earlier run"  #: Class of the outcome, for messages.
 
     def state_of(self, body_name: str) -> tuple[Array, Array]:
         """Return a body's degrees of freedom and their rates, each (size,)."""
@@ -72,20 +58,10 @@ def state_alone(source: Any) -> Any:
 class Initial:
     """The initial state of the bodies of a scene, checked.
 
-    Parameters
-    ----------
-    what : str
-        Whose argument it is, for messages.
-    bodies : iterable of Body
-        The bodies of the scene.
-    given : dict, outcome or None
-    by_name : bool
-        Whether a body among the keys stands for the scene's body of the same name.
-
-    Attributes
-    ----------
-    given : dict, StoredState or None
-        The initial state as the user gave it. Of an earlier outcome, only the state is kept.
+    `what`: whose argument it is, for messages.
+    `bodies`: the bodies of the scene.
+    `by_name`: whether a body among the keys stands for the scene's body of the same name.
+    `given`: the initial state as the user gave it. Of an earlier outcome, only the state is kept.
     """
 
     def __init__(self, what: str, bodies: Iterable[Body], given: Any, *, by_name: bool = False) -> None:

@@ -20,12 +20,7 @@ if TYPE_CHECKING:
 def body_named(bodies: Iterable[Body], body: Any, cure: str = "") -> Body:
     """Return the body of the same name, or raise `ArgumentError`, ending with a cure.
 
-    Parameters
-    ----------
-    bodies : iterable of Body
-    body : Body or str
-    cure : str
-        The end of the message: what the user can do.
+    `cure`: the end of the message: what the user can do.
     """
     known = {candidate.name: candidate for candidate in bodies}
     name = name_of(body)

@@ -25,30 +25,16 @@ SweepProgress = bool | Callable[[int, int, int], None] | None
 class TerminalBar:
     """A progress bar on the standard error stream; a context manager.
 
-    Parameters
-    ----------
-    label : str
-        Name of the function that was called and what a function given as
-        `progress` is called with, for the error message: ``("simulate", "the time")``.
-    progress : bool or callable, optional
-        True shows the bar, False does not, None shows it where the stream is a
-        terminal. With a function there is no bar.
-    total : float
-        Amount of work, in any unit.
-    counting : str
-        Text beside the bar, as rich formats it: ``{task.completed}`` and ``{task.total}`` stand for the numbers.
-    done : float
-        Work that was done before, which the estimate of the remaining time leaves out.
-
-    Attributes
-    ----------
-    shown : bool
-        Whether the bar will appear.
-
-    Raises
-    ------
-    ArgumentError
-        If `progress` is none of these.
+    `label`: name of the function that was called and what a function given as `progress` is called with, for the error
+    message: ``("simulate", "the time")``.
+    `progress`: True shows the bar, False does not, None shows it where the stream is a terminal. With a function there
+    is no bar.
+    `total`: amount of work, in any unit.
+    `counting`: text beside the bar, as rich formats it: ``{task.completed}`` and ``{task.total}`` stand for the
+    numbers.
+    `done`: work that was done before, which the estimate of the remaining time leaves out.
+    `shown`: whether the bar will appear.
+    Raises `ArgumentError` if `progress` is none of these.
     """
 
     def __init__(self, label: tuple[str, str], progress: Any, total: float, counting: str, done: float = 0.0) -> None:
@@ -106,20 +92,12 @@ class TerminalBar:
 class RunProgress:
     """Shows how far a run has come and saves it from time to time; a context manager.
 
-    Parameters
-    ----------
-    t_end : float
-        End of the run, s.
-    progress : bool or callable, optional
-        As for `TerminalBar`. A function is called with the time reached and t_end, in s.
-    save : callable, optional
-        Takes a snapshot.
-    every : float
-        Seconds of wall time between two snapshots.
-    first : str
-        Work that takes long before the first step; shown until the run reports its first time.
-    hint : str
-        Shown beside the bar: what would make the run shorter.
+    `t_end`: end of the run, s.
+    `progress`: as for `TerminalBar`. A function is called with the time reached and t_end, in s.
+    `save`: takes a snapshot.
+    `every`: seconds of wall time between two snapshots.
+    `first`: work that takes long before the first step; shown until the run reports its first time.
+    `hint`: shown beside the bar: what would make the run shorter.
     """
 
     def __init__(

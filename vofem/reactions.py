@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.assembly import Model
 from vofem.bodies.base import Body
 from vofem.integrators.base import Sampled
-
-Array = NDArray[np.float64]
 
 
 def support_reaction(
@@ -26,17 +24,9 @@ def support_reaction(
 ) -> tuple[Array, Array]:
     """Return force (N) and moment (N m) that a support exerts, each of shape (n_times,).
 
-    Parameters
-    ----------
-    modes : (ndarray, ndarray), optional
-        Squared frequencies and shapes that modal damping acts on; all modes where not given.
-    spring_force : ndarray, shape (n_springs, n_times), optional
-        Forces of hysteretic springs, those of springpots last, N.
-
-    Raises
-    ------
-    ArgumentError
-        If there is no support at that place.
+    `modes`: squared frequencies and shapes that modal damping acts on; all modes where not given.
+    `spring_force` (shape (n_springs, n_times)): forces of hysteretic springs, those of springpots last, N.
+    Raises `ArgumentError` if there is no support at that place.
     """
     result = np.zeros((2, times.size))
     for dof in body.supported_at(where).tolist():

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem.arrays import Array
 from vofem.cache import Cache
 from vofem.errors import MethodError
 from vofem.laws import CLOSED as CLOSED
@@ -17,8 +18,6 @@ from vofem.laws import ContactLaws, FrictionLaws, LawGroup
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
-
-Array = NDArray[np.float64]
 
 
 class LoadFunction(Protocol):
@@ -118,6 +117,15 @@ class System:
     def share(self, other: System) -> None:
         """Use the cache of another system, which must differ from this one in functions of time alone."""
         self.__dict__["_cache"] = other.cache
+
+    def with_laws(self, kind: str, laws: tuple[LawGroup, ...]) -> System:
+        """Return the system with other laws. It has a cache of its own; systems that share a cache share this one too.
+
+        `kind` says what the laws are made of.
+        """
+        other = replace(self, laws=laws)
+        other.__dict__["_cache"] = self.cache.get(kind, None, Cache)
+        return other
 
     def has_matrices_of(self, other: System) -> bool:
         """Return whether degrees of freedom and matrices are the same to the last bit as those of another system."""
@@ -265,8 +273,8 @@ def refuse_travelling(what: str, system: System) -> None:
     """Raise `MethodError` where something travels along a beam, which only runs in time take into account."""
     if system.travelling is not None:
         raise MethodError(
-            f"{what}: {system.travelling} travels along a beam, which {what} cannot take into account; simulate the "
-            "scene, or give beam.at(x) for a place of interest"
+            f"{what}: {system.travelling}: {what} takes no account of what travels along a beam; simulate the scene, "
+            "or give beam.at(x) for a place of interest"
         )
 
 

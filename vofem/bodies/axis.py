@@ -26,35 +26,21 @@ class Axis(Body):
 
     Every node has two degrees of freedom, interleaved along the axis: the
     displacement eta and the slope d(eta)/dx.
-
-    Attributes
-    ----------
-    length : float
-        Length of the axis, m.
-    origin : float
-        The x of the left end in m.
-    arc : ndarray, shape (n_elements + 1,)
-        Distance of the nodes from the left end in m. Kept apart from the
-        origin: far from x = 0 the x of two near nodes lose digits.
-    element_lengths : ndarray, shape (n_elements,)
-        Lengths of the elements, m. They are more accurate than differences of `arc`.
-    mesh : LineMesh or None
-        The named points and subdomains of a mesh file.
     """
 
-    length: float
-    origin: float
+    length: float  #: Length of the axis, m.
+    origin: float  #: The x of the left end in m.
+    #: Distance of the nodes from the left end in m. Kept apart from the origin: far from x = 0 the x of two near nodes
+    #: lose digits. Shape (n_elements + 1,).
     arc: Array
+    #: Lengths of the elements, m. They are more accurate than differences of `arc`. Shape (n_elements,).
     element_lengths: Array
-    mesh: LineMesh | None
+    mesh: LineMesh | None  #: The named points and subdomains of a mesh file.
 
     def _divide(self, elements: Any) -> None:
         """Set nodes and elements, from the number of equal elements, the x of all nodes, or a mesh.
 
-        Raises
-        ------
-        ArgumentError
-            If the nodes do not increase, do not span the length, or are too many.
+        Raises `ArgumentError` if the nodes do not increase, do not span the length, or are too many.
         """
         label, length = self.label, self.length
         self.mesh = elements if isinstance(elements, LineMesh) else None

@@ -11,27 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import number
+from vofem.arrays import Array, IntArray
 from vofem.errors import ArgumentError
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
 
 @dataclass(frozen=True)
 class Row:
-    """A sparse row b of a scalar coordinate ``u = b.q`` over one body's degrees of freedom.
+    """A sparse row b of a scalar coordinate ``u = b.q`` over one body's degrees of freedom."""
 
-    Attributes
-    ----------
-    indices : ndarray of int, shape (k,)
-    weights : ndarray, shape (k,)
-    """
-
-    indices: IntArray
-    weights: Array
+    indices: IntArray  #: Shape (k,).
+    weights: Array  #: Shape (k,).
 
 
 @dataclass(frozen=True)
@@ -261,13 +253,8 @@ class Point:
 def touching(effect: Any, bodies: Mapping[Any, Any], moved: Callable[[Point, Any], Any]) -> Any:
     """Return an effect as a copy that touches other bodies; the effect itself where it touches none of them.
 
-    Parameters
-    ----------
-    effect : effect
-    bodies : dict
-        Bodies, and those that take their place.
-    moved : callable
-        Returns the point on a new body that takes the place of a point on the old one.
+    `bodies`: bodies, and those that take their place.
+    `moved`: returns the point on a new body that takes the place of a point on the old one.
     """
     changes = {}
     for name, value in vars(effect).items():
@@ -290,4 +277,4 @@ def as_point(what: str, value: Any) -> Point:
     if isinstance(value, Point):
         return value
     hint = "; take a point of it with .at(x)" if hasattr(value, "at") else ""
-    raise ArgumentError(f"{what} is {value!r}, expected a point: beam.at(x) or a Mass{hint}")
+    raise ArgumentError(f"{what} is {value!r}, expected a point: beam.at(x), beam.along(path) or a Mass{hint}")

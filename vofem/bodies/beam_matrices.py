@@ -22,15 +22,9 @@ def beam_matrices(
 ) -> BodyMatrices:
     """Return mass and stiffness over all nodes, and the supported degrees of freedom.
 
-    Parameters
-    ----------
-    axis : Axis
-    EI, rhoA : Coefficient
-        Bending stiffness, N m^2, and mass per length, kg/m.
-    tension : float
-        Axial force in N.
-    supports : dict of int to str
-        The kind of support of every supported node.
+    `EI`, `rhoA`: bending stiffness, N m^2, and mass per length, kg/m.
+    `tension`: axial force in N.
+    `supports`: the kind of support of every supported node.
     """
     from vofem.bodies import hermite as forms
 

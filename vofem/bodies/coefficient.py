@@ -28,20 +28,10 @@ _CONSTANT_ORDER = 6
 def evaluate_along(what: str, function: Any, x: Array, *, positive: bool = False, negative: bool = True) -> Array:
     """Return what a callable of x gives at points x, in the shape of x, checked.
 
-    Parameters
-    ----------
-    what : str
-        What messages call the coefficient.
-    function : callable of an array x
-    x : ndarray
-        Places on the axis, m.
-    positive, negative : bool
-        Whether values must be positive, and whether they may be negative.
-
-    Raises
-    ------
-    ArgumentError
-        If it is a function of time, fails, or returns what is not allowed.
+    `what`: what messages call the coefficient.
+    `x`: places on the axis, m.
+    `positive`, `negative`: whether values must be positive, and whether they may be negative.
+    Raises `ArgumentError` if it is a function of time, fails, or returns what is not allowed.
     """
     if hasattr(function, "breakpoints"):
         raise ArgumentError(
@@ -70,30 +60,17 @@ def evaluate_along(what: str, function: Any, x: Array, *, positive: bool = False
 
 @dataclass(frozen=True, eq=False)
 class Coefficient:
-    """A quantity along an axis, whose values are checked when they are taken.
+    """A quantity along an axis, whose values are checked when they are taken."""
 
-    Attributes
-    ----------
-    what : str
-        The name for messages, such as ``Beam 'deck': EI``.
-    value : float, ndarray of shape (n_elements,) or callable of an array x
-    axis : Axis
-    positive : bool
-        Whether a callable that returns zero or less is refused.
-    """
-
-    what: str
-    value: Any
+    what: str  #: The name for messages, such as ``Beam 'deck': EI``.
+    value: Any  #: Shape (n_elements,).
     axis: Axis
-    positive: bool = True
+    positive: bool = True  #: Whether a callable that returns zero or less is refused.
 
     def evaluate(self, x: Array) -> Array:
         """Return what the callable gives at x, in the shape of x.
 
-        Raises
-        ------
-        ArgumentError
-            If it fails, or returns what is not finite or not positive.
+        Raises `ArgumentError` if it fails, or returns what is not finite or not positive.
         """
         return evaluate_along(self.what, self.value, x, positive=self.positive)
 
@@ -130,10 +107,7 @@ def positive_coefficient(what: str, value: Any, axis: Axis) -> Coefficient:
     A callable is tried in the middle of every element; elsewhere it is
     checked where it is used.
 
-    Raises
-    ------
-    ArgumentError
-        For values that are not positive, or do not fit elements or subdomains.
+    Raises `ArgumentError` for values that are not positive, or do not fit elements or subdomains.
     """
     if callable(value):
         coefficient = Coefficient(what, value, axis)

@@ -9,9 +9,9 @@ short element or far from the origin.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from vofem.arrays import Array
 
 _SHAPES = {
     0: (
@@ -44,20 +44,10 @@ _SHAPES = {
 def hermite(i: int, xi: ArrayLike, h: ArrayLike, derivative: int = 0) -> Array:
     """Return a derivative of the i-th Hermite cubic by the physical coordinate.
 
-    Parameters
-    ----------
-    i : int
-        0, 2: displacement at the left, right end; 1, 3: slope there.
-    xi : array_like
-        Element coordinates in [0, 1].
-    h : array_like
-        Element length in m, broadcast with `xi`.
-    derivative : int
-        0 to 3.
-
-    Returns
-    -------
-    ndarray, the broadcast shape; unit m^(slope function ? 1 : 0) / m^derivative.
+    `i`: 0, 2: displacement at the left, right end; 1, 3: slope there.
+    `xi`: element coordinates in [0, 1].
+    `h`: element length in m, broadcast with `xi`.
+    `derivative`: 0 to 3.
     """
     s = np.asarray(xi, dtype=float)
     h = np.asarray(h, dtype=float)

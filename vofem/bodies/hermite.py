@@ -13,7 +13,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from skfem import Basis, BilinearForm, LinearForm, MeshLine
 from skfem.element import ElementLineHermite
 from skfem.element.discrete_field import DiscreteField
@@ -21,9 +20,8 @@ from skfem.mapping import MappingAffine
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefLine
 
+from vofem.arrays import Array
 from vofem.bodies.cubics import hermite
-
-Array = NDArray[np.float64]
 
 
 class HermiteElement(ElementLineHermite):
@@ -58,14 +56,9 @@ class LengthMapping(MappingAffine):
 def line_basis(nodes: Array, lengths: Array, order: int) -> Basis:
     """Return a Hermite basis over sorted nodes, with quadrature exact for polynomials of the given order.
 
-    Parameters
-    ----------
-    nodes : ndarray, shape (n + 1,)
-        Arc length of the nodes in m, increasing from 0.
-    lengths : ndarray, shape (n,)
-        Element lengths in m.
-    order : int
-        6 integrates the mass matrix of a constant rhoA exactly.
+    `nodes` (shape (n + 1,)): arc length of the nodes in m, increasing from 0.
+    `lengths` (shape (n,)): element lengths in m.
+    `order`: 6 integrates the mass matrix of a constant rhoA exactly.
     """
     mesh = MeshLine(nodes)
     mapping = LengthMapping(mesh, lengths)

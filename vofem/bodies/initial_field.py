@@ -18,20 +18,10 @@ from vofem.errors import ArgumentError
 def project(label: str, field: Any, axis: Axis, supports: Mapping[int, str]) -> Array:
     """Return the degrees of freedom, shape (size,), of a field projected in L2 on the supported space.
 
-    Parameters
-    ----------
-    label : str
-        The field, for messages, such as ``initial velocity of Beam 'deck'``.
-    field : number or callable of an array x
-        The field: a number or a callable of x, m or m/s.
-    axis : Axis
-    supports : dict of int to str
-        The kind of support of every supported node.
-
-    Raises
-    ------
-    ArgumentError
-        If the field is not finite, or is not zero at a support.
+    `label`: the field, for messages, such as ``initial velocity of Beam 'deck'``.
+    `field`: the field: a number or a callable of x, m or m/s.
+    `supports`: the kind of support of every supported node.
+    Raises `ArgumentError` if the field is not finite, or is not zero at a support.
     """
     if not callable(field):
         constant = number(label, field)

@@ -20,34 +20,16 @@ _ALONG_X = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class LineMesh:
-    """The nodes of a straight beam in order from its left end.
+    """The nodes of a straight beam in order from its left end."""
 
-    Attributes
-    ----------
-    source : str
-        Where it came from, for messages.
-    origin : float
-        The x of the left end in m; 0 where the axis is not along x.
-    arc : ndarray, shape (n_elements + 1,)
-        Arc length of the nodes from the left end in m.
-    lengths : ndarray, shape (n_elements,)
-        Element lengths in m, from differences of the coordinates.
-    points : dict of str to ndarray of int
-        Nodes of every named point set, counted from the left; empty where a
-        set lies off the beam.
-    subdomains : dict of str to ndarray of int
-        Elements of every named subdomain, counted from the left.
-    file : str
-        Absolute path of the file; empty where it came from none.
-    """
-
-    source: str
-    origin: float
-    arc: Array
-    lengths: Array
+    source: str  #: Where it came from, for messages.
+    origin: float  #: The x of the left end in m; 0 where the axis is not along x.
+    arc: Array  #: Arc length of the nodes from the left end in m, shape (n_elements + 1,).
+    lengths: Array  #: Element lengths in m, from differences of the coordinates, shape (n_elements,).
+    #: Nodes of every named point set, counted from the left; empty where a set lies off the beam.
     points: dict[str, IntArray]
-    subdomains: dict[str, IntArray]
-    file: str = ""
+    subdomains: dict[str, IntArray]  #: Elements of every named subdomain, counted from the left.
+    file: str = ""  #: Absolute path of the file; empty where it came from none.
 
     @property
     def length(self) -> float:
@@ -81,21 +63,11 @@ def chain(
     for any other, x is the arc length from the left end. Nodes that no line
     uses do not matter, and lines that are given twice count once.
 
-    Parameters
-    ----------
-    source : str
-        The file, for messages.
-    coordinates : ndarray, shape (n_nodes, 3)
-        Coordinates of the nodes, m.
-    lines : ndarray of int, shape (n_lines, 2)
-        The two nodes of each line, in any order and direction.
-    points, subdomains : dict
-        Nodes of named point sets; lines of named subdomains.
-
-    Raises
-    ------
-    MeshError
-        If the lines are not one straight, open, unbranched chain.
+    `source`: the file, for messages.
+    `coordinates` (shape (n_nodes, 3)): coordinates of the nodes, m.
+    `lines` (shape (n_lines, 2)): the two nodes of each line, in any order and direction.
+    `points`, `subdomains`: nodes of named point sets; lines of named subdomains.
+    Raises `MeshError` if the lines are not one straight, open, unbranched chain.
     """
     if lines.min() < 0 or lines.max() >= len(coordinates):
         raise MeshError(

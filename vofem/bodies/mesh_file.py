@@ -38,15 +38,8 @@ Sets = dict[str, list[IntArray]]
 def read_mesh(path: str | os.PathLike[str]) -> LineMesh:
     """Read a beam's mesh from a Gmsh (.msh), VTU or MED file.
 
-    Parameters
-    ----------
-    path : str or path
-        See `vofem.Beam.from_mesh` for what the file may hold.
-
-    Raises
-    ------
-    MeshError
-        If the file is missing, damaged, or no straight chain of two-node lines.
+    `path`: see `vofem.Beam.from_mesh` for what the file may hold.
+    Raises `MeshError` if the file is missing, damaged, or no straight chain of two-node lines.
     """
     if not isinstance(path, (str, os.PathLike)):
         raise ArgumentError(f"the path of a mesh is {path!r}, expected a string or a path")

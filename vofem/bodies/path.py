@@ -84,12 +84,7 @@ class Path:
 class TravellingPoint(Point):
     """A point that travels along a beam; made by `Beam.along`.
 
-    Attributes
-    ----------
-    body : Beam
-    x : float
-        Where it begins, or the end of the beam that is nearest to that place.
-    path : Path
+    `x`: where it begins, or the end of the beam that is nearest to that place.
     """
 
     def __init__(self, body: Any, path: Path) -> None:

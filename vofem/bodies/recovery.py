@@ -28,18 +28,10 @@ def recovered_sections(beam: Beam, x: ArrayLike, q: Array, load: LinePressure) -
     the load is integrated from the left end to x. Where nodal displacements
     are exact, as in statics with constant EI, so are moment and shear force.
 
-    Parameters
-    ----------
-    beam : Beam
-    x : array_like, shape (k,)
-        In m; at a node the element to its right is taken (the last node: to its left).
-    q : ndarray, shape (beam.size, n_times)
-    load : callable
-        The load per length, all that is proportional to displacements or accelerations included.
-
-    Returns
-    -------
-    moment, shear : ndarray, shape (k, n_times)
+    `x` (shape (k,)): in m; at a node the element to its right is taken (the last node: to its left).
+    `q` has shape (beam.size, n_times).
+    `load`: the load per length, all that is proportional to displacements or accelerations included.
+    Returns `moment, shear` (shape (k, n_times)).
     """
     element, xi = beam.locate(np.atleast_1d(array(f"a point of {beam.label}", x)))
     h, left = beam.element_lengths[element], beam.nodes[element]

@@ -25,10 +25,7 @@ def supported_nodes(axis: Axis, supports: Mapping[Any, str] | None) -> ByNode:
 
     What is known by node already stays, because the x of a node may differ from the node in its last bit.
 
-    Raises
-    ------
-    ArgumentError
-        If a place or a kind is unknown, or one node is given two kinds.
+    Raises `ArgumentError` if a place or a kind is unknown, or one node is given two kinds.
     """
     label = axis.label
     if isinstance(supports, ByNode):

@@ -22,12 +22,8 @@ class TravellingLoad(TimeFunction):
     The shape functions of an element are cubics of x, so at constant speed the share of a constant force is a cubic of
     time between two nodes.
 
-    Parameters
-    ----------
-    dof : int
-        Number of the degree of freedom among those of the beam.
-    riders : sequence of (TravellingPoint, TimeFunction)
-        The places of the loads, and their forces in N.
+    `dof`: number of the degree of freedom among those of the beam.
+    `riders`: the places of the loads, and their forces in N.
     """
 
     written_out = False

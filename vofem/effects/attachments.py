@@ -9,7 +9,7 @@ from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point
 from vofem.bodies.path import TravellingPoint
 from vofem.effects.kinds import Acting, AtPoint, Called, TravellingEnd
-from vofem.effects.two_points import TwoPoints
+from vofem.effects.two_points import TwoPoints, refuse_equal
 from vofem.errors import ArgumentError
 from vofem.parameters import Real, declared, label_of, rule
 
@@ -75,6 +75,10 @@ class RotationalSpring(Acting):
     _: KW_ONLY
     stiffness: Annotated[float, Real("N m/rad", "Stiffness.", least=0)]
     name: Called = None
+
+    @rule("other", "point")
+    def _points_differ(self) -> None:
+        refuse_equal(self, self.point, self.other)
 
     @rule("point", "other")
     def _points_rotate(self) -> None:

@@ -12,8 +12,7 @@ from vofem.assembly import ContactEntry, SystemBuilder
 from vofem.bodies.base import Body, Point
 from vofem.bodies.path import TravellingPoint
 from vofem.effects.kinds import AtPoint, Named, TravellingEnd
-from vofem.effects.side import Side, distinct, side_of
-from vofem.effects.two_points import TwoPoints
+from vofem.effects.stop import Side, Stop
 from vofem.errors import ArgumentError
 from vofem.parameters import CHOSEN, Choice, Kind, OneOf, Real, declared, label_of, rule
 from vofem.parameters.place import Book, Place
@@ -72,7 +71,7 @@ _RESOLVED = OneOf(classes={"resolved": Resolved})
 
 
 @declared()
-class Contact(TwoPoints):
+class Contact(Stop):
     """A contact between two points, or between a point and a stop that is fixed in space.
 
     Let eta be the displacement of point a, positive upward. The gap function is
@@ -90,8 +89,6 @@ class Contact(TwoPoints):
         If `side` is missing, or is given for a contact between two points; if `acts_on` is missing; or if a value is
         out of range.
     """
-
-    symbol = "stop"
 
     a: TravellingEnd
     b: Annotated[
@@ -130,14 +127,6 @@ class Contact(TwoPoints):
         ),
     ] = "base"
     name: Named = CHOSEN
-
-    @rule("b", "a")
-    def _points_differ(self) -> None:
-        distinct(label_of(self), self.a, self.b)
-
-    @rule("side", "b")
-    def _side_of_a_stop(self) -> None:
-        side_of(label_of(self), "a contact", self.b, self.side)
 
     @rule("frame", "b")
     def _frame_of_a_stop(self) -> None:
@@ -188,6 +177,6 @@ class Contact(TwoPoints):
         switch = "" if self.switch == "ideal" else f", {self.switch!r}"
         frame = ", in space" if self.frame == "space" else ""
         return (
-            f"Contact {self.name!r} {self._stop(self.side, self.gap)}{frame}, K0 = {self.stiffness:g} {units.stiffness}"
+            f"Contact {self.name!r} {self._place()}{frame}, K0 = {self.stiffness:g} {units.stiffness}"
             f"{damper}, acts on {self.acts_on}{switch}"
         )

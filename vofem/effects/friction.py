@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from vofem._validate import wrong
 from vofem.assembly import SystemBuilder
 from vofem.effects.contact import Contact
 from vofem.effects.kinds import Named
-from vofem.effects.side import distinct
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
 from vofem.laws.friction import FrictionLaw
@@ -30,6 +29,7 @@ class OfContact(Kind):
 
     shown = "Contact or str"
     expected = "a Contact, or the name of one"
+    schema: ClassVar = {"type": "string"}
 
     def check(self, what: str, value: Any) -> Contact | str:
         """Return the contact or the name."""
@@ -47,10 +47,6 @@ class OfContact(Kind):
         """Return the name."""
         return _NAME.write(value.name if isinstance(value, Contact) else value, book)
 
-    def described(self) -> dict[str, Any]:
-        """Return a name."""
-        return {"type": "string", **super().described()}
-
 
 @declared()
 class Friction(TwoPoints):
@@ -60,7 +56,7 @@ class Friction(TwoPoints):
     While it sticks, w is zero exactly, and the force is the reaction that keeps it so; sticking ends where the reaction
     reaches ``static * normal``. With `stiffness` the slider is behind a spring (a Jenkins element): while it sticks,
     w stretches the spring. `result.frictions` has the histories. The methods ``"event_driven"``, for a constant normal
-    force, and ``"energy_conserving"`` treat sliders.
+    force, and ``"energy_conserving"`` treat sliders; harmonic balance treats those with `stiffness`.
 
     Raises
     ------
@@ -96,10 +92,6 @@ class Friction(TwoPoints):
         TimeFunction | float | None, OfTime("m/s", "Speed of the belt on which a lies. Without it there is no belt.")
     ] = None
     name: Named = CHOSEN
-
-    @rule("b", "a")
-    def _points_differ(self) -> None:
-        distinct(label_of(self), self.a, self.b)
 
     @rule("normal", "contact")
     def _pressed_once(self) -> None:

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from vofem.assembly import SystemBuilder
 from vofem.effects.kinds import Named
-from vofem.effects.side import Side, distinct, side_of
 from vofem.effects.softening import Backbone, InitialStiffness, LinearLimit, SofteningOf
+from vofem.effects.stop import Side, Stop
 from vofem.effects.two_points import TwoPoints
 from vofem.fractional.constants import ideal
 from vofem.laws import PrintedLaw
@@ -109,7 +109,7 @@ class HystereticSpring(TwoPoints):
 
 
 @declared()
-class CrushingStop(TwoPoints):
+class CrushingStop(Stop):
     """A stop behind a gap that yields under force and keeps its residual deformation.
 
     The approach s is ``u_a - u_b`` between two points, ``-eta`` for a stop below,
@@ -124,8 +124,6 @@ class CrushingStop(TwoPoints):
         For arguments out of range.
     """
 
-    symbol = "stop"
-
     _: KW_ONLY
     gap: Annotated[float, Real("m", "Gap before the stop is touched.")]
     side: Side = None
@@ -133,14 +131,6 @@ class CrushingStop(TwoPoints):
     linear_limit: LinearLimit
     softening: SofteningOf = None
     name: Named = CHOSEN
-
-    @rule("b", "a")
-    def _points_differ(self) -> None:
-        distinct(label_of(self), self.a, self.b)
-
-    @rule("side", "b")
-    def _side_of_a_stop(self) -> None:
-        side_of(label_of(self), "a stop", self.b, self.side)
 
     @rule("softening", "stiffness", "linear_limit", "gap", "of")
     def _follow_the_backbone(self) -> None:
@@ -161,6 +151,6 @@ class CrushingStop(TwoPoints):
         """Return name, place and numbers."""
         units = self.units
         return (
-            f"CrushingStop {self.name!r} {self._stop(self.side, self.gap)}, {self.stiffness:g} {units.stiffness}, "
+            f"CrushingStop {self.name!r} {self._place()}, {self.stiffness:g} {units.stiffness}, "
             f"linear to {self.linear_limit:g} {units.coordinate}, limit load {self.limit_load:g} {units.force}"
         )

@@ -7,30 +7,23 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vofem.arrays import Array
 from vofem.bodies.beam import Beam
 from vofem.effects.base_motion import BaseMotion
 from vofem.effects.foundation import Foundation
 from vofem.effects.loads import DistributedLoad, Gravity
 from vofem.time_functions import as_time_function
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class LineLoads:
-    """Loads per length on a beam.
+    """Loads per length on a beam."""
 
-    Attributes
-    ----------
-    loads : list of (callable, callable)
-        Pairs of a function of an array x, which returns N/m, shape (k,), and a function of time.
-    bedding : list of callable
-        Functions of an array x, which return the bedding stiffness in N/m per m, shape (k,).
-    """
-
+    #: Pairs of a function of an array x, which returns N/m, shape (k,), and a function of time.
     loads: list[tuple[Callable[[Array], Array], Callable[[ArrayLike], Any]]]
+    #: Functions of an array x, which return the bedding stiffness in N/m per m, shape (k,).
     bedding: list[Callable[[Array], Array]]
 
     def pressure(self, x: Array, times: Array) -> Array:

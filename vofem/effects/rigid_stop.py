@@ -9,13 +9,12 @@ from vofem._validate import wrong
 from vofem.assembly import ContactEntry, SystemBuilder
 from vofem.bodies.base import Point
 from vofem.effects.kinds import AtPoint, End, Named
-from vofem.effects.side import Side, distinct, side_of
-from vofem.effects.two_points import TwoPoints
+from vofem.effects.stop import Side, Stop
 from vofem.parameters import CHOSEN, Real, declared, label_of, rule
 
 
 @declared()
-class RigidStop(TwoPoints):
+class RigidStop(Stop):
     """A rigid stop with a coefficient of restitution, for ``method="event_driven"``.
 
     Let b be the row of the gap function ``s = b.q - gap``, whose sign conventions are those of `Contact`. The stop
@@ -39,8 +38,6 @@ class RigidStop(TwoPoints):
     B. Brogliato, Nonsmooth Mechanics, Springer 2016, doi:10.1007/978-3-319-28664-8.
     """
 
-    symbol = "stop"
-
     a: End
     b: Annotated[
         Point | None,
@@ -58,14 +55,6 @@ class RigidStop(TwoPoints):
     side: Side = None
     name: Named = CHOSEN
 
-    @rule("b", "a")
-    def _points_differ(self) -> None:
-        distinct(label_of(self), self.a, self.b)
-
-    @rule("side", "b")
-    def _side_of_a_stop(self) -> None:
-        side_of(label_of(self), "a stop", self.b, self.side)
-
     @rule("restitution")
     def _no_energy_is_made(self) -> None:
         if self.restitution > 1.0:
@@ -81,4 +70,4 @@ class RigidStop(TwoPoints):
 
     def describe(self) -> str:
         """Return points, gap and coefficient."""
-        return f"RigidStop {self.name!r} {self._stop(self.side, self.gap)}, restitution {self.restitution:g}"
+        return f"RigidStop {self.name!r} {self._place()}, restitution {self.restitution:g}"

@@ -76,14 +76,9 @@ SofteningOf = Annotated[Softening | None, SofteningKind()]
 class Backbone:
     """The curve of a first loading: ``F = K (1 - softening(F)) u`` beyond the linear limit.
 
-    Parameters
-    ----------
-    label : str
-        Name of the spring in messages.
-    stiffness, linear_limit : float
-        Initial stiffness, N/m, and the elongation up to which the spring is linear, m.
-    softening : LinearSoftening or callable, optional
-        The softening. The default is Eq. 24.
+    `label`: name of the spring in messages.
+    `stiffness`, `linear_limit`: initial stiffness, N/m, and the elongation up to which the spring is linear, m.
+    `softening`: the softening. The default is Eq. 24.
     """
 
     def __init__(self, label: str, stiffness: float, linear_limit: float, softening: Softening | None) -> None:

@@ -11,27 +11,22 @@ import numpy as np
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point, Row
 from vofem.bodies.path import TravellingPoint
-from vofem.effects.kinds import End, Of, OtherEnd
-from vofem.parameters import declared, rule
+from vofem.effects.kinds import AtPoint, End, Of, OtherEnd
+from vofem.errors import ArgumentError
+from vofem.parameters import declarations, declared, label_of, rule
 
 
 @dataclass(frozen=True)
 class Units:
-    """Units of the coordinate u of an effect, and of its force, stiffness, damping and impulse.
+    """Units of the coordinate u of an effect, and of its force, stiffness, damping and impulse."""
 
-    Attributes
-    ----------
-    coordinate, force, stiffness, damping : str
-        Units of u, of the force that does work on it, of ``force/u`` and of ``force/u'``.
-    impulse : str
-        Unit of the integral of the force over time.
-    """
-
+    #: `coordinate`, `force`, `stiffness`, `damping`: units of u, of the force that does work on it, of ``force/u`` and
+    #: of ``force/u'``.
     coordinate: str
     force: str
     stiffness: str
     damping: str
-    impulse: str
+    impulse: str  #: Unit of the integral of the force over time.
 
 
 #: The units by the coordinate on which an effect acts.
@@ -51,6 +46,10 @@ class TwoPoints:
     a: End
     b: OtherEnd = None
     of: Of = field(default="displacement", kw_only=True)
+
+    @rule("b", "a")
+    def _ends_differ(self) -> None:
+        refuse_equal(self, self.a, self.b)
 
     @rule("a", "b", "of")
     def _ends_rotate(self) -> None:
@@ -80,13 +79,17 @@ class TwoPoints:
         rotation = " in rotation" if self.of == "rotation" else ""
         return f"{self.a.describe()} to {'ground' if self.b is None else self.b.describe()}{rotation}"
 
-    def _stop(self, side: str | None, gap: float) -> str:
-        """Return place and gap of a contact for `describe`."""
-        where = f"{side} {self.a.describe()}"
-        if self.b is not None:
-            where = f"of {self.a.describe()} below {self.b.describe()}"
-        rotation = " in rotation" if self.of == "rotation" else ""
-        return f"{where}{rotation}: gap {gap:g} {self.units.coordinate}"
+
+def refuse_equal(effect: Any, a: Point, b: Point | None) -> None:
+    """Raise `ArgumentError` if both ends of an effect are the same point, which nothing moves apart."""
+    if b is None or a.body is not b.body or isinstance(a, TravellingPoint):
+        return
+    if np.isclose(a.x, b.x, rtol=1e-12, atol=0.0):
+        names = " and ".join(name for name, one in declarations(type(effect)).items() if isinstance(one.kind, AtPoint))
+        raise ArgumentError(
+            f"{label_of(effect)}: {names} are the same point, {a.describe()}; give another point, or one alone for an "
+            "effect between it and ground"
+        )
 
 
 def units_of(effects: Iterable[Any], name: str) -> Units:

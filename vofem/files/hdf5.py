@@ -47,10 +47,7 @@ class GuardedFile(io.RawIOBase):
     h5py crashes when a disk is full: HDF5 can then neither finish nor close its file. So h5py is told that all went
     well, and whatever it writes after the error is dropped.
 
-    Parameters
-    ----------
-    path : Path
-        Path of a file that exists.
+    `path`: path of a file that exists.
     """
 
     def __init__(self, path: Path) -> None:
@@ -121,12 +118,7 @@ class GuardedFile(io.RawIOBase):
 
 
 class Blocks:
-    """An HDF5 file that is being written.
-
-    Attributes
-    ----------
-    file : h5py.File
-    """
+    """An HDF5 file that is being written."""
 
     def __init__(self, file: h5py.File, guard: GuardedFile) -> None:
         self.file = file
@@ -142,10 +134,7 @@ class Blocks:
 def writing(path: Path, *, overwrite: bool = False) -> Iterator[Blocks]:
     """Give a new HDF5 file, which takes the name `path` once the block has succeeded.
 
-    Raises
-    ------
-    OutputError
-        If the file exists and is not to be overwritten, or cannot be written. What was there stays.
+    Raises `OutputError` if the file exists and is not to be overwritten, or cannot be written. What was there stays.
     """
     with replacing(path, overwrite=overwrite) as temporary:
         guard = GuardedFile(temporary)
@@ -167,16 +156,8 @@ def writing(path: Path, *, overwrite: bool = False) -> Iterator[Blocks]:
 def reading(path: str | os.PathLike[str], expected: str = "a file that Result.save has written") -> Iterator[h5py.File]:
     """Give an HDF5 file that is open for reading; whatever fails in the block becomes a `StorageError`.
 
-    Parameters
-    ----------
-    path : path
-    expected : str
-        What messages say was expected.
-
-    Raises
-    ------
-    StorageError
-        If the file is missing, no HDF5 file, or damaged.
+    `expected`: what messages say was expected.
+    Raises `StorageError` if the file is missing, no HDF5 file, or damaged.
     """
     try:
         place = Path(path)

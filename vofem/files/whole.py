@@ -22,10 +22,7 @@ _UNSUPPORTED = {errno.EPERM, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP, errn
 def target(path: str | os.PathLike[str], suffixes: tuple[str, ...]) -> Path:
     """Return `path` as a Path, or raise `ArgumentError` if its suffix is none of `suffixes`.
 
-    Raises
-    ------
-    OutputError
-        If no file system can have a file of that name.
+    Raises `OutputError` if no file system can have a file of that name.
     """
     try:
         result = Path(path)
@@ -77,19 +74,9 @@ def replacing(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
     behind. (A process that is killed leaves its temporary file, whose name
     begins with ``.vofem-``.)
 
-    Parameters
-    ----------
-    path : Path
-    overwrite : bool
-        Whether a file of that name is replaced. If not, it is refused before
-        the block and, where another process has made it meanwhile, after it.
-
-    A link is followed: what it points to is replaced, and the link stays.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written, or is a device, a pipe or a socket.
+    `overwrite`: whether a file of that name is replaced. If not, it is refused before the block and, where another
+    process has made it meanwhile, after it.
+    Raises `OutputError` if the file cannot be written, or is a device, a pipe or a socket.
     """
     if not overwrite:
         refuse_existing(path)

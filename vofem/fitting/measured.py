@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array, choice, name_of, number, public
+from vofem.arrays import Array
 from vofem.bodies.base import Point, as_point
 from vofem.errors import ArgumentError, ConvergenceError
 from vofem.result import Result
@@ -21,8 +22,6 @@ from vofem.studies.steady import PeriodicOrbit, continuation
 from vofem.time_functions import Sine
 from vofem.vibration import modes
 
-Array = NDArray[np.float64]
-
 _UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s^2"}
 
 #: What is least for the orbit that is meant, of the differences of amplitude and value.
@@ -32,14 +31,9 @@ _SHEETS: dict[str, Callable[[float], float]] = {"nearest": abs, "upper": lambda 
 class Trial:
     """A scene with trial values of its parameters; what data need of it is computed once, and only if they do.
 
-    Attributes
-    ----------
-    base, scene : Scene
-        The scene that is fitted, and the one with trial values.
-    parameters : tuple of Parameter
-        Of `scene`.
-    until : float
-        Data after this time in s are left out.
+    `base`, `scene`: the scene that is fitted, and the one with trial values.
+    `parameters`: of `scene`.
+    `until`: data after this time in s are left out.
     """
 
     def __init__(
@@ -130,14 +124,9 @@ class Data:
 class StoredData(Data):
     """Data of a fit that was read from a file: its numbers, and not the point or the contact that was measured.
 
-    Attributes
-    ----------
-    described : str
-        What `describe` returns.
-    where : ndarray, shape (n,)
-        Where the values are drawn.
-    within : ndarray of bool, shape (n,)
-        Which values the fit has used.
+    `described`: what `describe` returns.
+    `where` (shape (n,)): where the values are drawn.
+    `within` (shape (n,)): which values the fit has used.
     """
 
     def __init__(
@@ -521,10 +510,7 @@ class MeasuredCurve(Data):
 def driven_at(scene: Scene, frequency: float) -> Scene:
     """Return a scene whose slowest load has a frequency in Hz; the ratios of several frequencies stay.
 
-    Raises
-    ------
-    ArgumentError
-        If the scene has no load that is a sine.
+    Raises `ArgumentError` if the scene has no load that is a sine.
     """
     sines = [(effect, name) for effect in scene.effects for name in FUNCTIONS
              if isinstance(getattr(effect, name, None), Sine)]  # fmt: skip

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array
+from vofem.arrays import Array, IntArray
 from vofem.effects.two_points import Units
 from vofem.errors import ArgumentError
 from vofem.histories.run import Run
@@ -19,8 +20,6 @@ from vofem.system import OPEN, ContactLaws
 if TYPE_CHECKING:
     from vofem.integrators.event_driven.bounces import Bounces
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: A contact with a penetration at t = 0 beyond this share of gap and displacement counts as closed before t = 0.
 _AT_GAP = 1e-9
@@ -225,17 +224,9 @@ class ContactStatistics:
 class ImpactRecord:
     """Impacts and statistics of one contact; what both need is computed once.
 
-    Parameters
-    ----------
-    run : Run
-    laws : ContactLaws
-    index : int
-        Number of the contact.
-    units : Units
-    most : int, optional
-        How many impacts are looked at, from the first on; all where not given.
-    tolerance : float
-        Accepted error of the forces between events, divided by the largest force.
+    `index`: number of the contact.
+    `most`: how many impacts are looked at, from the first on; all where not given.
+    `tolerance`: accepted error of the forces between events, divided by the largest force.
     """
 
     def __init__(
@@ -391,12 +382,7 @@ class ImpactRecord:
 
 
 def window_of(what: str, window: ArrayLike | None, t_end: float) -> tuple[float, float]:
-    """Return begin and end of a window in s, the whole run where none is given; raise where it is not within the run.
-
-    Raises
-    ------
-    ArgumentError
-    """
+    """Return begin and end of a window in s, the whole run by default; raise `ArgumentError` where it lies outside."""
     if window is None:
         return 0.0, t_end
     ends = array(f"{what}: window", window)

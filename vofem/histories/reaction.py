@@ -5,16 +5,15 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import nearest
+from vofem.arrays import Array
 from vofem.bodies.base import Body
 from vofem.errors import ArgumentError
 from vofem.histories.run import Run
 from vofem.integrators.base import Sampled
 from vofem.reactions import residual, support_reaction
-
-Array = NDArray[np.float64]
 
 
 class Reaction(NamedTuple):
@@ -31,15 +30,8 @@ class Reaction(NamedTuple):
 def reaction_of(run: Run, body: Body, where: Any, t: ArrayLike | None, samples: Sampled) -> Reaction:
     """Return the reaction of a support; see `vofem.Result.reaction`.
 
-    Parameters
-    ----------
-    run : Run
-    body : Body
-    where : "left", "right" or x
-    t : array_like, optional
-        Times in s. The default is those of the run.
-    samples : Sampled
-        The motion at these times.
+    `t`: times in s. The default is those of the run.
+    `samples`: the motion at these times.
     """
     return Reaction(*support_reaction(run.model, body, where, *_state(run, f"reaction of {body.label}", t, samples)))
 
@@ -47,10 +39,7 @@ def reaction_of(run: Run, body: Body, where: Any, t: ArrayLike | None, samples: 
 def joint_force_of(run: Run, name: str, t: ArrayLike | None, samples: Sampled) -> Reaction:
     """Return the force and the moment of a joint on its body a; see `vofem.Result.joint_force`.
 
-    Raises
-    ------
-    ArgumentError
-        If there is no joint of that name.
+    Raises `ArgumentError` if there is no joint of that name.
     """
     model = run.model
     names = [known for known, _ in model.joints]

@@ -13,13 +13,11 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array, IntArray
 from vofem.errors import ArgumentError
 from vofem.histories.run import Run
 from vofem.integrators.base import status_at
 from vofem.system import OPEN, PINNED, ContactLaws
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Number of Chebyshev coefficients of a panel of a continuous motion, and of a step.
 _SMOOTH, _STEP = 16, 6
@@ -42,19 +40,12 @@ _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(_SMOOTH)
 
 @dataclass(frozen=True)
 class Span:
-    """Stretches of time in which a contact is in touch: closed, or pinned at its gap.
+    """Stretches of time in which a contact is in touch: closed, or pinned at its gap."""
 
-    Attributes
-    ----------
-    begin, end : ndarray, shape (k,)
-        Begin and end of every touch, s.
-    ended : ndarray of bool, shape (k,)
-        False where the run ends first.
-    """
-
+    #: `begin`, `end`: begin and end of every touch, s, shape (k,).
     begin: Array
     end: Array
-    ended: NDArray[np.bool_]
+    ended: NDArray[np.bool_]  #: False where the run ends first, shape (k,).
 
 
 def spans_of(run: Run, index: int) -> Span:
@@ -73,68 +64,40 @@ def spans_of(run: Run, index: int) -> Span:
 
 @dataclass(frozen=True)
 class Parts:
-    """Pieces of panels over which force and rate are integrated; the rate changes its sign nowhere within one.
+    """Pieces of panels over which force and rate are integrated; the rate changes its sign nowhere within one."""
 
-    Attributes
-    ----------
-    panel : ndarray of int, shape (k,)
-    low, high : ndarray, shape (k,)
-        Ends, from -1 to 1 along the panel.
-    """
-
-    panel: IntArray
+    panel: IntArray  #: Shape (k,).
+    #: `low`, `high`: ends, from -1 to 1 along the panel, shape (k,).
     low: Array
     high: Array
 
 
 @dataclass(frozen=True)
 class Integrals:
-    """Integrals over parts, each of shape (k,).
+    """Integrals over parts, each of shape (k,)."""
 
-    Attributes
-    ----------
-    time : ndarray
-        Time, s.
-    force, square : ndarray
-        Integrals of the force, N s, and of its square, N^2 s.
-    work : ndarray
-        Done on the contact, J.
-    pressed : ndarray
-        The part of `work` that is done while the contact is pressed in, J.
-    """
-
-    time: Array
+    time: Array  #: Time, s.
+    #: `force`, `square`: integrals of the force, N s, and of its square, N^2 s.
     force: Array
     square: Array
-    work: Array
-    pressed: Array
+    work: Array  #: Done on the contact, J.
+    pressed: Array  #: The part of `work` that is done while the contact is pressed in, J.
 
 
 @dataclass(frozen=True)
 class Touches:
-    """Force and rate of a contact as polynomials, for some stretches of time.
+    """Force and rate of a contact as polynomials, for some stretches of time."""
 
-    Attributes
-    ----------
-    span : ndarray of int, shape (n_panels,)
-        The stretch that each panel belongs to.
-    begin, end : ndarray, shape (n_panels,)
-        In s.
-    force, rate : ndarray, shape (n_coefficients, n_panels)
-        Chebyshev coefficients, of N and m/s.
-    error : float
-        Largest last coefficient over the largest value: 0 of a stepping method, whose motion is known as polynomials.
-    stiffness : float, optional
-        Stiffness of a contact whose force is that of a spring alone, N/m.
-    """
-
-    span: IntArray
+    span: IntArray  #: The stretch that each panel belongs to, shape (n_panels,).
+    #: `begin`, `end`: in s, shape (n_panels,).
     begin: Array
     end: Array
+    #: `force`, `rate`: Chebyshev coefficients, of N and m/s, shape (n_coefficients, n_panels).
     force: Array
     rate: Array
+    #: Largest last coefficient over the largest value: 0 of a stepping method, whose motion is known as polynomials.
     error: float = 0.0
-    stiffness: float | None = None
+    stiffness: float | None = None  #: Stiffness of a contact whose force is that of a spring alone, N/m.
 
     def parts(self, window: tuple[float, float] | None = None) -> Parts:
         """Return the pieces of all panels within a window of time in s, cut where the rate changes its sign."""
@@ -211,16 +174,9 @@ def resolve(
 ) -> Touches | None:
     """Return force and rate of a contact over stretches of time in touch; None where the run does not know them.
 
-    Parameters
-    ----------
-    run : Run
-    laws : ContactLaws
-    index : int
-        Number of the contact.
-    begin, end : ndarray, shape (k,)
-        Begin and end of the intervals, s, in ascending order and without overlap.
-    tolerance : float
-        Error of force and rate between events that is accepted, over their largest values.
+    `index`: number of the contact.
+    `begin`, `end` (shape (k,)): begin and end of the intervals, s, in ascending order and without overlap.
+    `tolerance`: error of force and rate between events that is accepted, over their largest values.
     """
     # Under an undamped ideal law the rate follows from the force, which is smoother: fast modes have large velocities.
     elastic = run.solution.continuous and laws.damping[index] == 0.0 and np.isinf(laws.resolution[index])

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.bodies.base import Body
 from vofem.effects.two_points import units_of
 from vofem.histories.contact import ContactHistory
@@ -21,8 +22,6 @@ from vofem.integrators.base import ProbeSamples
 from vofem.lookup import rows_over
 from vofem.scene import Scene
 from vofem.system import CLOSED
-
-Array = NDArray[np.float64]
 
 #: All rows of a variable.
 ALL = slice(None)
@@ -70,24 +69,12 @@ class Tabulated(Run, Protocol):
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable; its first dimension is time, or what it is counted by.
+    """One variable; its first dimension is time, or what it is counted by."""
 
-    Attributes
-    ----------
-    dims : tuple of str
-        Names of the dimensions.
-    source : ndarray, or callable
-        The values, or a function that returns those of a slice of rows.
-    attributes : dict
-        Unit and description, as netCDF calls them.
-    each : sequence of str
-        The units of the columns, where they may differ.
-    """
-
-    dims: tuple[str, ...]
-    source: NDArray | Callable[[slice], NDArray]
-    attributes: dict[str, Any] = field(default_factory=dict)
-    each: Sequence[str] = ()
+    dims: tuple[str, ...]  #: Names of the dimensions.
+    source: NDArray | Callable[[slice], NDArray]  #: The values, or a function that returns those of a slice of rows.
+    attributes: dict[str, Any] = field(default_factory=dict)  #: Unit and description, as netCDF calls them.
+    each: Sequence[str] = ()  #: The units of the columns, where they may differ.
 
     def unit(self, k: int) -> str:
         """Return the unit of a column."""

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from vofem._validate import number
+from vofem.arrays import Array, IntArray
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Row
 from vofem.bodies.cubics import hermite
@@ -27,9 +28,6 @@ from vofem.errors import ArgumentError
 from vofem.io.pictures.places import all_contacts
 from vofem.result import Result
 from vofem.scene import Scene
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: The cell data `kind`.
 BEAM, MASS, CONTACT, STOP = range(4)
@@ -53,22 +51,12 @@ class Frames:
     The points of lines come first, then masses, then the two ends of every contact, then the two ends of every stop's
     bar. Every element of a beam has its own points, its two ends among them.
 
-    Parameters
-    ----------
-    result : Result
-    magnification : float
-        By which gaps are drawn larger.
-    points_per_element : int
-        2 or more.
-
-    Attributes
-    ----------
-    points : ndarray, shape (n_points, 3)
-        Places at rest in m.
-    connectivity, offsets, types : ndarray of int
-        The points of all cells, one cell after another; where each cell begins, and the end; VTK's types of the cells.
-    point_data, cell_data : dict of str to ndarray
-        Arrays that do not change in time.
+    `magnification`: by which gaps are drawn larger.
+    `points_per_element`: 2 or more.
+    `points` (shape (n_points, 3)): places at rest in m.
+    `connectivity`, `offsets`, `types`: the points of all cells, one cell after another; where each cell begins, and the
+    end; VTK's types of the cells.
+    `point_data`, `cell_data`: arrays that do not change in time.
     """
 
     def __init__(self, result: Result, magnification: float = 1.0, points_per_element: int = 5) -> None:

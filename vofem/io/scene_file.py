@@ -124,19 +124,10 @@ def scene_text(path: str | os.PathLike[str]) -> tuple[Path, str, dict[str, Any]]
 def read_content(content: dict[str, Any], text: str, file: Path) -> SceneFile:
     """Return what the tables of a scene file say.
 
-    Parameters
-    ----------
-    content : dict
-        The parsed file.
-    text : str
-        The text of the file. The order of its headers is that of the bodies.
-    file : Path
-        Name of the file. Relative paths start at its folder.
-
-    Raises
-    ------
-    SceneFileError
-        With all faults.
+    `content`: the parsed file.
+    `text`: the text of the file. The order of its headers is that of the bodies.
+    `file`: name of the file. Relative paths start at its folder.
+    Raises `SceneFileError` with all faults.
     """
     book = Book(file.parent)
     scene, run, output = read_tables(content, text, book)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import number
+from vofem.arrays import Array
 from vofem.errors import ArgumentError, OutputError
 from vofem.files.whole import replacing, target
 from vofem.histories.impacts import window_of
@@ -21,8 +22,6 @@ from vofem.io.pictures.drawing import COLORMAP
 from vofem.io.pictures.units import nice_below
 from vofem.result import Result
 from vofem.studies.steady import PeriodicOrbit
-
-Array = NDArray[np.float64]
 
 #: Times over which the slider moves, and by which a scale of colours is chosen; largest displacement that is shown,
 #: over the size of the scene.
@@ -173,19 +172,11 @@ def snapshot(
 class Stage:
     """A plotter with the frame of one time: bodies coloured by a field, contacts coloured by their state.
 
-    Parameters
-    ----------
-    what : str
-        The function that draws, for messages.
-    result : Result
-    times : ndarray
-        Times by which the magnification and the scale of colours are chosen, s.
-    k : int
-        Number of the time that is shown first.
-    magnification, scalars
-        As of `show`.
-    options
-        Of the plotter.
+    `what`: the function that draws, for messages.
+    `times`: times by which the magnification and the scale of colours are chosen, s.
+    `k`: number of the time that is shown first.
+    `magnification`, `scalars`: as of `show`.
+    `options`: of the plotter.
     """
 
     def __init__(

@@ -25,29 +25,15 @@ _LINE = ("start", "stop", "count")
 
 @dataclass(frozen=True)
 class StudyFile:
-    """What a study file holds.
-
-    Attributes
-    ----------
-    path : Path
-    values : dict of str to list
-        The values of each parameter, by the dotted path of its key; the grid of all combinations is meant.
-    measure : dict
-        What is measured, by name, as the file says it.
-    after : float
-        Quantities are taken from this time on, s.
-    content : dict
-        The tables of the scene.
-    text : str
-        The file as it stands: the order of its tables is that of the bodies.
-    """
+    """What a study file holds."""
 
     path: Path
+    #: The values of each parameter, by the dotted path of its key; the grid of all combinations is meant.
     values: dict[str, list[Any]]
-    measure: dict[str, dict[str, str]]
-    after: float
-    content: dict[str, Any]
-    text: str
+    measure: dict[str, dict[str, str]]  #: What is measured, by name, as the file says it.
+    after: float  #: Quantities are taken from this time on, s.
+    content: dict[str, Any]  #: The tables of the scene.
+    text: str  #: The file as it stands: the order of its tables is that of the bodies.
 
     def function(self) -> Any:
         """Return the function of a point that a sweep calls, which other processes can import."""
@@ -60,16 +46,9 @@ class StudyFile:
 def load_study(path: str | os.PathLike[str]) -> StudyFile:
     """Read a study file.
 
-    Parameters
-    ----------
-    path : path
-        TOML in UTF-8: a scene file with a table ``[sweep]``.
-
-    Raises
-    ------
-    SceneFileError
-        With all that is wrong in the table ``[sweep]``, in the scene, and in
-        the scenes with the first and the last value of each parameter.
+    `path`: TOML in UTF-8: a scene file with a table ``[sweep]``.
+    Raises `SceneFileError` with all that is wrong in the table ``[sweep]``, in the scene, and in the scenes with the
+    first and the last value of each parameter.
     """
     file, text, content = scene_text(path)
     sweep = content.pop("sweep", None)

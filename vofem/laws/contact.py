@@ -149,8 +149,8 @@ class ContactLaws(LawGroup):
             return None
         return (
             f"{what} needs stops that yield, and {self.labels[int(np.argmax(self.rigid))]} is rigid: velocities jump. "
-            "Only simulate(method='event_driven') takes it; use a Contact with a large stiffness here, with a damper "
-            "for the restitution"
+            "Only simulate(method='event_driven') and orbits by shooting take it; use a Contact with a large stiffness "
+            "here, with a damper for the restitution"
         )
 
     def nonlinearity(self, method: str) -> str | None:

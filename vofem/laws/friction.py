@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.laws.group import LawGroup, ListedLaws
+from vofem.laws.hysteretic import HystereticLaws, jenkins
 
 if TYPE_CHECKING:
     from vofem.time_functions import TimeFunction
@@ -73,7 +74,23 @@ class FrictionLaws(ListedLaws):
         """Return why something cannot treat sliders, and what to do instead."""
         pressed = any(law.contact is not None for law in self.laws)
         only = "'energy_conserving'" if pressed else "'event_driven' or 'energy_conserving'"
-        return f"{what} does not treat {self.labels[0]}; only simulate(method={only}) does"
+        orbits = "" if self.orbit_refusal() is not None else ", and orbits by shooting do"
+        return f"{what} does not treat {self.labels[0]}; only simulate(method={only}){orbits or ' does'}"
+
+    def orbit_refusal(self) -> str | None:
+        """Return why shooting cannot treat the sliders, and what to do instead; None for rigid ones without belts."""
+        for law in self.laws:
+            why, cure = "", "simulate the scene until it has settled"
+            if law.contact is not None:
+                why = f"is pressed by the contact {law.contact!r}"
+            elif law.stiffness < np.inf:
+                why = "has a stiffness, whose spring remembers where it slid last"
+                cure = "use method='harmonic_balance', or simulate the scene until it has settled"
+            elif law.belt is not None:
+                why = "stands on a belt"
+            if why:
+                return f"{law.label} {why}; shooting takes rigid sliders under a constant normal force only: {cure}"
+        return None
 
     def statics_refusal(self, path: bool) -> str | None:
         """Return why statics cannot treat sliders: equilibria are not unique."""
@@ -83,8 +100,31 @@ class FrictionLaws(ListedLaws):
         )
 
     def harmonic_refusal(self) -> str | None:
-        """Return why harmonic balance cannot treat sliders."""
-        return self.refusal("harmonic balance")
+        """Return why harmonic balance cannot treat a slider, whose force jumps or whose coordinate drifts."""
+        for law in self.laws:
+            if law.contact is not None:
+                found, cure = f"is pressed by the contact {law.contact!r}", "give normal= instead"
+            elif np.isinf(law.stiffness):
+                found, cure = (
+                    "sticks rigidly, so its force jumps",
+                    "find the orbit by shooting, give the slider a spring, stiffness=",
+                )
+            elif law.static > law.limit:
+                found, cure = "has a static coefficient above the sliding one, so its force jumps", "leave out static="
+            elif law.belt is not None:
+                found, cure = "lies on a belt", "let a second body move"
+            else:
+                continue
+            return f"{law.label} {found}, which harmonic balance cannot treat; {cure}, or let a simulation settle"
+        return None
+
+    def as_springs(self) -> JenkinsSliders:
+        """Return the sliders, all behind springs, as elastic, perfectly plastic springs."""
+        laws = []
+        for law in self.laws:
+            spring, slip = np.array([law.stiffness]), np.array([law.limit])
+            laws.append(jenkins(law.label, law.name, law.stiffness, 0.0, spring, slip, law.limit, "N"))
+        return JenkinsSliders(self.rows, tuple(laws))
 
     def shifted(self, start: float) -> FrictionLaws:
         """Return the sliders for a run that begins at a time in s."""
@@ -109,6 +149,13 @@ class FrictionLaws(ListedLaws):
     def forms(self) -> tuple[Any, ...]:
         """No law in the sense of `law.Law`: a slider's force does not follow from its coordinate."""
         return ()
+
+
+@dataclass(frozen=True)
+class JenkinsSliders(HystereticLaws):
+    """Sliders behind springs in harmonic motions, in the order of the `FrictionLaws` that they stand for."""
+
+    slides: ClassVar[bool] = True
 
 
 FrictionLaw.group = FrictionLaws

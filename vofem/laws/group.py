@@ -167,6 +167,9 @@ class LawGroup:
     #: Whether force, stored energy and loss of every law are recorded along a run.
     recorded: ClassVar[bool] = False
 
+    #: Whether the laws are recorded sliders, which have histories of their own.
+    slides: ClassVar[bool] = False
+
     #: Whether the laws take part in statics; laws that yield to every lasting force do not.
     static: ClassVar[bool] = True
 

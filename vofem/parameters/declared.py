@@ -30,23 +30,12 @@ CHOSEN: Any = None
 
 @dataclass(frozen=True)
 class Declaration:
-    """One parameter of a class.
-
-    Attributes
-    ----------
-    name : str
-    kind : Kind
-        Its unit, its meaning, its limits, and how it is read and written.
-    default : object
-        `dataclasses.MISSING` where it must be given.
-    keyword : bool
-        Whether it is given by name only.
-    """
+    """One parameter of a class."""
 
     name: str
-    kind: Kind
-    default: Any = MISSING
-    keyword: bool = False
+    kind: Kind  #: Its unit, its meaning, its limits, and how it is read and written.
+    default: Any = MISSING  #: `dataclasses.MISSING` where it must be given.
+    keyword: bool = False  #: Whether it is given by name only.
 
     @property
     def needed(self) -> bool:
@@ -69,17 +58,11 @@ def declared(
     The constructor checks all of them and then runs the rules of the class, see `rule`.
     Its docstring gets a section on its parameters.
 
-    Parameters
-    ----------
-    frozen : bool
-        Whether objects compare by value and cannot be changed. Otherwise they compare and hash by identity.
-    eq : bool, optional
-        False for frozen objects that compare by identity.
-    bare : bool
-        Whether the value of its only field may stand for the whole table of a scene file, as in
-        ``polynomial = [1, 2]``.
-    either : tuple of str
-        Parameters of which one is given, and from which a rule finds the first one.
+    `frozen`: whether objects compare by value and cannot be changed. Otherwise they compare and hash by identity.
+    `eq`: False for frozen objects that compare by identity.
+    `bare`: whether the value of its only field may stand for the whole table of a scene file, as in ``polynomial = [1,
+    2]``.
+    `either`: parameters of which one is given, and from which a rule finds the first one.
     """
 
     def make(cls: C) -> C:
@@ -126,11 +109,8 @@ def rule(*needs: str) -> Callable[[F], F]:
 
     Rules run after the checks of all parameters, in the order in which they stand in the class.
 
-    Parameters
-    ----------
-    *needs : str
-        The parameters that it looks at. The first one is at fault where the method raises `ArgumentError`, unless the
-        message begins with another one. In a scene file a rule runs if all of them are sound.
+    `*needs`: the parameters that it looks at. The first one is at fault where the method raises `ArgumentError`, unless
+    the message begins with another one. In a scene file a rule runs if all of them are sound.
     """
 
     def mark(method: F) -> F:
@@ -233,10 +213,7 @@ def values_of(thing: Any, unless: Collection[str] = ()) -> dict[str, Any]:
 def content_of(value: Any) -> Hashable:
     """Return what an object or a value depends on, as a key of a cache: its parameters, but not its name.
 
-    Raises
-    ------
-    TypeError
-        For a Python function or another object whose content is not known.
+    Raises `TypeError` for a Python function or another object whose content is not known.
     """
     if value is None or isinstance(value, (bool, int, float, complex, str, np.generic)):
         return type(value).__name__, value if isinstance(value, str) or value is None else repr(value)
@@ -258,11 +235,8 @@ def changed(thing: Any, **changes: Any) -> Any:
 
     The name of an argument may be a path, such as ``"f.amplitude"``, see `value_at`.
 
-    Raises
-    ------
-    ArgumentError
-        If an argument is unknown or out of range; or if the class is not declared, and its objects do not have their
-        arguments as attributes.
+    Raises `ArgumentError` if an argument is unknown or out of range; or if the class is not declared, and its objects
+    do not have their arguments as attributes.
     """
     for path in [name for name in changes if "." in name]:
         first, _, rest = path.partition(".")
@@ -282,10 +256,7 @@ def _alone(thing: Any, given: str | None) -> dict[str, None]:
 def value_at(thing: Any, path: str) -> Any:
     """Return the value of a parameter at a path of attributes, such as ``"gap"`` or ``"f.amplitude"``.
 
-    Raises
-    ------
-    ArgumentError
-        If there is none. The message gives the nearest name.
+    Raises `ArgumentError` if there is none. The message gives the nearest name.
     """
     for part in path.split("."):
         thing = getattr(thing, _known(thing, part, path))
@@ -324,15 +295,9 @@ def keys_of(cls: type) -> tuple[str, ...]:
 def read(cls: type, table: Any, place: Place, **given: Any) -> Any:
     """Return the object that a table describes; or report all of its faults and return `INVALID`.
 
-    Parameters
-    ----------
-    cls : type
-        A declared class.
-    table : object
-        The TOML value.
-    place : Place
-    **given
-        Values of parameters that are missing in the table.
+    `cls`: a declared class.
+    `table`: the TOML value.
+    `**given`: values of parameters that are missing in the table.
     """
     if cls._bare and not isinstance(table, dict):  # type: ignore[attr-defined]
         table = {cls._bare: table}  # type: ignore[attr-defined]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,8 @@ class Kind:
     choices = ""
     #: Whether scene files can hold it.
     writable = True
+    #: The JSON schema of its TOML values, where it is the same for all of a kind.
+    schema: ClassVar[Mapping[str, Any]] = {}
 
     @property
     def meaning(self) -> str:
@@ -59,8 +62,8 @@ class Kind:
         return value
 
     def described(self) -> dict[str, Any]:
-        """Return the JSON schema of its TOML values."""
-        return {"description": self.meaning} if self.meaning else {}
+        """Return the JSON schema of its TOML values, with its meaning."""
+        return {**self.schema, "description": self.meaning} if self.meaning else dict(self.schema)
 
 
 @dataclass(frozen=True)
@@ -131,6 +134,7 @@ class Count(Kind):
 
     shown = "int"
     expected = "a whole number, 1 or more"
+    schema: ClassVar = {"type": "integer", "minimum": 1}
 
     def check(self, what: str, value: Any) -> int:
         """Return an int."""
@@ -139,10 +143,6 @@ class Count(Kind):
     def write(self, value: Any, book: Book) -> int:
         """Return a plain int."""
         return int(value)
-
-    def described(self) -> dict[str, Any]:
-        """Return a whole number."""
-        return {"type": "integer", "minimum": 1, **super().described()}
 
 
 @dataclass(frozen=True)
@@ -153,6 +153,7 @@ class Flag(Kind):
 
     shown = "bool"
     expected = "true or false"
+    schema: ClassVar = {"type": "boolean"}
 
     def check(self, what: str, value: Any) -> bool:
         """Return a bool."""
@@ -164,24 +165,14 @@ class Flag(Kind):
         """Return a bool; its names in TOML are small."""
         return value if isinstance(value, bool) else place.expected(self.expected, value)
 
-    def described(self) -> dict[str, Any]:
-        """Return a boolean."""
-        return {"type": "boolean", **super().described()}
-
 
 @dataclass(frozen=True)
 class Choice(Kind):
-    """One of some names.
-
-    Attributes
-    ----------
-    allowed : tuple of str
-    choices : str
-        Given where the parameter is needed and has no default: what the message for a missing one recommends.
-    """
+    """One of some names."""
 
     allowed: tuple[str, ...] = ()
     text: str = ""
+    #: Given where the parameter is needed and has no default: what the message for a missing one recommends.
     choices: str = ""
 
     @property
@@ -210,19 +201,14 @@ class Choice(Kind):
 
 @dataclass(frozen=True)
 class Name(Kind):
-    """A string that is not empty; the constructor chooses one where none is given.
-
-    Attributes
-    ----------
-    needed : bool
-        Whether scene files must give it. Names of effects are numbered there.
-    """
+    """A string that is not empty; the constructor chooses one where none is given."""
 
     text: str = "Unique in a scene."
-    needed: bool = False
+    needed: bool = False  #: Whether scene files must give it. Names of effects are numbered there.
 
     shown = "str"
     expected = "a name, a string that is not empty"
+    schema: ClassVar = {"type": "string", "minLength": 1}
 
     def read(self, value: Any, place: Place) -> str | Invalid:
         """Return the string."""
@@ -235,10 +221,6 @@ class Name(Kind):
         except UnicodeEncodeError:
             raise Unwritable(f"{value!r} has characters that are not valid Unicode; rename it") from None
         return str(value)
-
-    def described(self) -> dict[str, Any]:
-        """Return a string."""
-        return {"type": "string", "minLength": 1, **super().described()}
 
 
 @dataclass(frozen=True)
@@ -256,18 +238,11 @@ class Label(Name):
 
 @dataclass(frozen=True)
 class Numbers(Kind):
-    """An array of finite numbers, not empty.
-
-    Attributes
-    ----------
-    unit : str
-    each : Real
-        Limits of its entries in scene files.
-    """
+    """An array of finite numbers, not empty."""
 
     unit: str = ""
     text: str = ""
-    each: Real = ANY_NUMBER
+    each: Real = ANY_NUMBER  #: Limits of its entries in scene files.
 
     shown = "array_like, shape (n,)"
     expected = "an array of numbers"
@@ -340,15 +315,9 @@ class RealOrArray(Kind):
 
 @dataclass(frozen=True)
 class Function(Kind):
-    """A Python function, which scene files cannot hold.
+    """A Python function, which scene files cannot hold."""
 
-    Attributes
-    ----------
-    of : str
-        What it is a function of, for messages.
-    """
-
-    of: str = ""
+    of: str = ""  #: What it is a function of, for messages.
     text: str = ""
 
     shown = "callable"

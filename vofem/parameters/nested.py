@@ -16,19 +16,11 @@ from vofem.parameters.place import Book, Place
 
 @dataclass(frozen=True)
 class OneOf(Kind):
-    """An object of some class, in scene files a table with one key that names the class.
-
-    Attributes
-    ----------
-    classes : dict of str to type
-        Declared classes by their names in scene files.
-    expected : str
-        An example, for messages.
-    """
+    """An object of some class, in scene files a table with one key that names the class."""
 
     text: str = ""
-    classes: Mapping[str, type] = field(default_factory=dict)
-    expected: str = "a table with one key"
+    classes: Mapping[str, type] = field(default_factory=dict)  #: Declared classes by their names in scene files.
+    expected: str = "a table with one key"  #: An example, for messages.
 
     def names(self) -> str:
         """Return the names, for messages."""

@@ -21,42 +21,22 @@ INVALID = Invalid()
 
 @dataclass
 class Book:
-    """What is known while a file is read, or a scene written.
+    """What is known while a file is read, or a scene written."""
 
-    Attributes
-    ----------
-    folder : Path
-        Where relative paths start.
-    bodies : dict of str to object
-        The bodies that could be built.
-    broken : set of str
-        Names of those that could not: what refers to them is not reported again.
-    problems : list of (str, str)
-        Key path and message.
-    """
-
-    folder: Path
-    bodies: dict[str, Any] = field(default_factory=dict)
+    folder: Path  #: Where relative paths start.
+    bodies: dict[str, Any] = field(default_factory=dict)  #: The bodies that could be built.
+    #: Names of those that could not: what refers to them is not reported again.
     broken: set[str] = field(default_factory=set)
-    problems: list[tuple[str, str]] = field(default_factory=list)
+    problems: list[tuple[str, str]] = field(default_factory=list)  #: Key path and message.
 
 
 @dataclass(frozen=True)
 class Place:
-    """A key of the file.
-
-    Attributes
-    ----------
-    book : Book
-    path : str
-        Its path, such as ``contact[2].stiffness``.
-    last : str
-        The end of the path, ``stiffness``.
-    """
+    """A key of the file."""
 
     book: Book
-    path: str = ""
-    last: str = ""
+    path: str = ""  #: Its path, such as ``contact[2].stiffness``.
+    last: str = ""  #: The end of the path, ``stiffness``.
 
     def key(self, name: str) -> Place:
         """Return the place of a key of this table."""

@@ -11,16 +11,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array, Complex
 from vofem.sensitivities.flow import Block, Closed, divided, divided_far, ramped
 from vofem.sensitivities.forcing import Forcing, derivative_waves
 from vofem.sensitivities.forward import Forward
 from vofem.sensitivities.modal import ModalChange
 from vofem.system import OPEN, PINNED
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: As for forward derivatives.
 _NEAR = 1.0
@@ -28,22 +25,12 @@ _NEAR = 1.0
 
 @dataclass
 class Linear:
-    """The derivative of an objective as a linear form of the derivatives of the run.
+    """The derivative of an objective as a linear form of the derivatives of the run."""
 
-    Attributes
-    ----------
-    weights : dict of int to list of (float, ndarray)
-        For segments: times after the start, and what the derivative of the scaled state there counts for, (2n,).
-    events : ndarray, shape (n_events,)
-        What the derivatives of the times of events count for.
-    explicit : ndarray, shape (p,)
-        Derivatives by the parameters at a fixed motion.
-    value : float
-    """
-
-    events: Array
-    explicit: Array
+    events: Array  #: What the derivatives of the times of events count for, shape (n_events,).
+    explicit: Array  #: Derivatives by the parameters at a fixed motion, shape (p,).
     value: float = 0.0
+    #: For segments: times after the start, and what the derivative of the scaled state there counts for, (2n,).
     weights: dict[int, list[tuple[float, Array]]] = field(default_factory=dict)
 
     def add(self, index: int, tau: float, weight: Array) -> None:
@@ -64,11 +51,7 @@ class _Sums:
 class Backward:
     """One pass backward through a run.
 
-    Parameters
-    ----------
-    forward : Forward
-        The run, without derivatives.
-    linear : Linear
+    `forward`: the run, without derivatives.
     """
 
     def __init__(self, forward: Forward, linear: Linear) -> None:

@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.histories import ContactHistory
 from vofem.sensitivities.flow import Block, Closed, divided_far, ramped
 from vofem.sensitivities.forcing import Forcing
 from vofem.sensitivities.forward import Forward
 from vofem.system import CLOSED, OPEN, PINNED
-
-Array = NDArray[np.float64]
 
 #: Newton steps for the time of a peak.
 _ROUNDS = 8
@@ -218,32 +216,17 @@ class ContactSensitivities:
 
 @dataclass(frozen=True)
 class Peak:
-    """Where the force of a contact is largest in an impact.
+    """Where the force of a contact is largest in an impact."""
 
-    Attributes
-    ----------
-    index : int
-        The segment.
-    tau : float
-        Time after its start, s.
-    law : Law
-    state : ndarray, shape (2n,)
-    slope, bend : float
-        First and second derivative of the force by time there.
-    interior : bool
-        Whether the force is stationary there; else it is largest at an event.
-    event : int, optional
-        This event.
-    """
-
-    index: int
-    tau: float
+    index: int  #: The segment.
+    tau: float  #: Time after its start, s.
     law: Law
-    state: Array
+    state: Array  #: Shape (2n,).
+    #: `slope`, `bend`: first and second derivative of the force by time there.
     slope: float
     bend: float
-    interior: bool
-    event: int | None
+    interior: bool  #: Whether the force is stationary there; else it is largest at an event.
+    event: int | None  #: This event.
 
 
 def peak_of(forward: Forward, j: int, time: float, begin: float, end: float) -> Peak:

@@ -13,35 +13,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.sensitivities.flow import Basis, Block, Closed, Segment, basis_of
 from vofem.sensitivities.forcing import Forcing, derivative_waves, forcing_of, waves_of
 from vofem.sensitivities.modal import ModalChange, ModalSystem, StatusEquation
 from vofem.system import CLOSED, OPEN, PINNED, Events
 
-Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 
 @dataclass
 class Work:
-    """Counts of the work of derivatives.
+    """Counts of the work of derivatives."""
 
-    Attributes
-    ----------
-    assemblies : int
-        Scenes that were assembled again.
-    eigensolves : int
-        Eigenbases of statuses.
-    segments : int
-        Segments in closed form.
-    exponentials : int
-        Segments by exponentials of block matrices, which take longer.
-    """
-
-    assemblies: int = 0
-    eigensolves: int = 0
-    segments: int = 0
-    exponentials: int = 0
+    assemblies: int = 0  #: Scenes that were assembled again.
+    eigensolves: int = 0  #: Eigenbases of statuses.
+    segments: int = 0  #: Segments in closed form.
+    exponentials: int = 0  #: Segments by exponentials of block matrices, which take longer.
 
 
 class StatusFlow:
@@ -66,14 +54,9 @@ class StatusFlow:
     def force_change(self, k: int, waves: list[Any], vectors: list[Array], whole: Forcing) -> Forcing | None:
         """Return the derivative of `force` by a parameter, None where there is none.
 
-        Parameters
-        ----------
-        k : int
-            Number of the parameter.
-        waves, vectors : list
-            Functions of time and vectors whose sum is the derivative of the loads.
-        whole : Forcing
-            The force before projection.
+        `k`: number of the parameter.
+        `waves`, `vectors`: functions of time and vectors whose sum is the derivative of the loads.
+        `whole`: the force before projection.
         """
         if not waves and not np.any(self.pushes[k]) and self.inverses[k] is None:
             return None
@@ -84,67 +67,35 @@ class StatusFlow:
 
 @dataclass
 class Crossing:
-    """What the derivatives of the time of an event are made of, for notes.
-
-    Attributes
-    ----------
-    time : float
-    contact : int
-    rate : float
-        Rate of the gap function, m/s.
-    jump : float
-        Size of the jump of velocities per second by which the event comes later.
-    """
+    """What the derivatives of the time of an event are made of, for notes."""
 
     time: float
     contact: int
-    rate: float
-    jump: float
+    rate: float  #: Rate of the gap function, m/s.
+    jump: float  #: Size of the jump of velocities per second by which the event comes later.
 
 
 @dataclass
 class Passage:
-    """The events between two segments, for the derivatives of what follows from them.
+    """The events between two segments, for the derivatives of what follows from them."""
 
-    Attributes
-    ----------
-    numbers : range
-        The events in the log.
-    before, after : ndarray of int, shape (n_contacts,)
-        Status before and after.
-    state : ndarray, shape (2n,)
-        Scaled state before.
-    ends : ndarray, shape (2n, p)
-        Derivatives of the scaled state before, at a fixed time.
-    """
-
-    numbers: range
+    numbers: range  #: The events in the log.
+    #: `before`, `after`: status before and after, shape (n_contacts,).
     before: Status
     after: Status
-    state: Array
-    ends: Array
+    state: Array  #: Scaled state before, shape (2n,).
+    ends: Array  #: Derivatives of the scaled state before, at a fixed time, shape (2n, p).
 
 
 @dataclass
 class Forward:
-    """Derivatives along a run by forward propagation.
-
-    Attributes
-    ----------
-    solution : EventSolution or TruncatedSolution
-    modal : ModalSystem
-    changes : list of ModalChange
-        One for each parameter.
-    work : Work
-    bare : bool
-        Whether the derivatives themselves are left out: only the motion and its events are wanted.
-    """
+    """Derivatives along a run by forward propagation."""
 
     solution: Any
     modal: ModalSystem
-    changes: list[ModalChange]
+    changes: list[ModalChange]  #: One for each parameter.
     work: Work = field(default_factory=Work)
-    bare: bool = False
+    bare: bool = False  #: Whether the derivatives themselves are left out: only the motion and its events are wanted.
     crossings: list[Crossing] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -290,17 +241,11 @@ class Forward:
     ) -> tuple[Array, Array]:
         """Return the derivatives after the events between two segments.
 
-        Parameters
-        ----------
-        index : int
-            The segment before.
-        before, after : ndarray of int, shape (n_contacts,)
-        numbers : range
-            The events in the log.
-        state : ndarray, shape (2n,)
-            At the events, before them.
-        z, v : ndarray, shape (n, p)
-            Derivatives before.
+        `index`: the segment before.
+        `before`, `after` have shape (n_contacts,).
+        `numbers`: the events in the log.
+        `state` (shape (2n,)): at the events, before them.
+        `z`, `v` (shape (n, p)): derivatives before.
         """
         laws, modal = self.modal.laws, self.modal
         assert laws is not None
@@ -375,14 +320,9 @@ class Forward:
     def release(self, index: int, j: int, after: int, state: Array) -> tuple[Array, float, Array]:
         """Return what releases a pinned contact at the end of a segment, its reaction less the force that it then has.
 
-        Returns
-        -------
-        row : ndarray, shape (2n,)
-            Its derivative by the scaled state.
-        rate : float
-            Its rate by time.
-        explicit : ndarray, shape (p,)
-            Its derivatives by the parameters at a fixed state.
+        Returns `row` (shape (2n,)): its derivative by the scaled state.
+        Returns `rate`: its rate by time.
+        Returns `explicit` (shape (p,)): its derivatives by the parameters at a fixed state.
         """
         laws, tau = self.modal.laws, float(self.segments.durations[index])
         assert laws is not None

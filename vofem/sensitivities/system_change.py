@@ -12,8 +12,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.bodies import Point
 from vofem.errors import ArgumentError
 from vofem.lookup import rows_over
@@ -26,7 +26,6 @@ from vofem.system import same_matrix
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
-Array = NDArray[np.float64]
 
 #: Weights of a central difference of order eight, at steps -4 to 4.
 _CENTRAL = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
@@ -42,43 +41,27 @@ _LARGE = 0.25
 
 @dataclass(frozen=True)
 class SystemChange:
-    """The derivative of a system by a parameter; None where nothing changes.
+    """The derivative of a system by a parameter; None where nothing changes."""
 
-    Attributes
-    ----------
-    mass, stiffness, damping : csc_matrix, shape (n, n), optional
-    rayleigh : ndarray, shape (2,)
-    modal_damping : ndarray, shape ()
-        Of the ratios, all of which change by the same amount.
-    rows : csr_matrix, shape (n_contacts, n), optional
-    gap, contact_stiffness, contact_damping : ndarray, shape (n_contacts,)
-    vectors : ndarray, shape (n_loads, n)
-        Of the load vectors.
-    displacement, velocity : ndarray, shape (n,)
-        Of the initial state.
-    functions : dict of int to (str, ...)
-        For every load whose function of time holds the parameter, the path to the number.
-    points : callable
-        Returns the derivative of the rows of points, csr_matrix (k, n), or None.
-    assemblies : int
-        How often the scene was assembled.
-    """
-
+    #: `mass`, `stiffness`, `damping`: shape (n, n).
     mass: csc_matrix | None
     stiffness: csc_matrix | None
     damping: csc_matrix | None
-    rayleigh: Array
-    modal_damping: Array
-    rows: csr_matrix | None
+    rayleigh: Array  #: Shape (2,).
+    modal_damping: Array  #: Of the ratios, all of which change by the same amount, shape ().
+    rows: csr_matrix | None  #: Shape (n_contacts, n).
+    #: `gap`, `contact_stiffness`, `contact_damping`: shape (n_contacts,).
     gap: Array
     contact_stiffness: Array
     contact_damping: Array
-    vectors: Array
+    vectors: Array  #: Of the load vectors, shape (n_loads, n).
+    #: `displacement`, `velocity`: of the initial state, shape (n,).
     displacement: Array
     velocity: Array
+    #: For every load whose function of time holds the parameter, the path to the number.
     functions: dict[int, tuple[str, ...]]
-    points: Callable[[Sequence[Any]], Any]
-    assemblies: int
+    points: Callable[[Sequence[Any]], Any]  #: Returns the derivative of the rows of points, csr_matrix (k, n), or None.
+    assemblies: int  #: How often the scene was assembled.
 
     @cached_property
     def moves_matrices(self) -> bool:

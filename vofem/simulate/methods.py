@@ -50,10 +50,7 @@ def choose(system: System, t_end: float | None = None, tol: float | None = None)
     With a tolerance, steps that follow it are preferred to the exact method if the loads have so many breakpoints that
     the exact method would take longer.
 
-    Raises
-    ------
-    MethodError
-        If all of them refuse it.
+    Raises `MethodError` if all of them refuse it.
     """
     refused: list[tuple[str, str]] = []
     for method in ranked():

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.blas import blas_threads
 from vofem.doubtful import doubtful
 from vofem.errors import MethodError
@@ -26,43 +26,21 @@ from vofem.simulate.methods import cheaper, exact_instead, note_cost
 from vofem.simulate.start_time import model_at
 from vofem.system import State, System
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Plan:
-    """The checked arguments of a run.
-
-    Attributes
-    ----------
-    method : str
-    t_end : float
-        End of the run, s.
-    times : ndarray, optional
-    dt : float, optional
-        Size of a step, s.
-    options : dict
-    probes : ProbeRows, optional
-    start : State, optional
-        State with which the run begins instead of the scene's initial state.
-    t_start : float
-        Time of the loads in s at which the run begins.
-    forgotten : tuple of str
-        Names of springpots whose past is not carried on.
-    compiled : bool, optional
-        Whether kernels are compiled. Without it this is decided when the run begins.
-    """
+    """The checked arguments of a run."""
 
     method: str
-    t_end: float
+    t_end: float  #: End of the run, s.
     times: Array | None
-    dt: float | None
+    dt: float | None  #: Size of a step, s.
     options: dict[str, Any]
     probes: ProbeRows | None
-    start: State | None = None
-    t_start: float = 0.0
-    forgotten: tuple[str, ...] = ()
-    compiled: bool | None = None
+    start: State | None = None  #: State with which the run begins instead of the scene's initial state.
+    t_start: float = 0.0  #: Time of the loads in s at which the run begins.
+    forgotten: tuple[str, ...] = ()  #: Names of springpots whose past is not carried on.
+    compiled: bool | None = None  #: Whether kernels are compiled. Without it this is decided when the run begins.
 
 
 def run_plan(
@@ -75,10 +53,7 @@ def run_plan(
 ) -> Result:
     """Run a plan from its start or from a snapshot, with progress and checkpoints as asked for.
 
-    Parameters
-    ----------
-    writer : callable, optional
-        Returns, for the plan as it is run, a function that takes snapshots.
+    `writer`: returns, for the plan as it is run, a function that takes snapshots.
     """
     system = model_at(scene.model, plan.t_start).system
     method = method_named(plan.method)

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.system import System
-
-Array = NDArray[np.float64]
 
 #: Difference of forces, over the terms that make them up, below which it is rounding.
 _ROUNDING = 64.0 * float(np.finfo(float).eps)
@@ -22,14 +21,9 @@ _DEPENDENT = 1e-13
 def alike(rows: Any) -> tuple[NDArray[np.int64], Array, NDArray[np.int64]]:
     """Return which sparse rows are equal but for their sign.
 
-    Returns
-    -------
-    member : ndarray of int, shape (m,)
-        Number of the group to which every row belongs.
-    sign : ndarray, shape (m,)
-        1 or -1: every row over the first one of its group.
-    first : ndarray of int, shape (g,)
-        The first row of every group.
+    Returns `member` (shape (m,)): number of the group to which every row belongs.
+    Returns `sign` (shape (m,)): 1 or -1: every row over the first one of its group.
+    Returns `first` (shape (g,)): the first row of every group.
     """
     seen: dict[tuple[bytes, bytes], int] = {}
     member, sign = np.empty(rows.shape[0], dtype=np.int64), np.ones(rows.shape[0])
@@ -59,14 +53,9 @@ class Coordinates:
     Laws at one point have one coordinate, and the sum of their forces is one unknown: where stops are
     steep, rounding would otherwise set equal coordinates apart by more than their penetrations.
 
-    Parameters
-    ----------
-    system : System
-    rows : csr_matrix, shape (m, n)
-        B.
-    force : ndarray, shape (n,)
-    solve : function
-        It solves with K, for shapes (n,) and (n, k).
+    `rows` (shape (m, n)): B.
+    `force` has shape (n,).
+    `solve`: it solves with K, for shapes (n,) and (n, k).
     """
 
     def __init__(self, system: System, rows: Any, force: Array, solve: Callable[[Array], Array]) -> None:
@@ -92,21 +81,13 @@ class Coordinates:
         The unknown of a point is its coordinate where its laws are softer than the structure, and their force where
         they are steeper: a force computed from a coordinate would hold the rounding of the coordinate times the slope.
 
-        Parameters
-        ----------
-        factor : float
-        tangent, intercept : ndarray, shape (m,)
-            Tangent, N/m, and force at u = 0, N, of every law; zero for laws that are held.
-        held : ndarray, shape (m,), optional
-            Coordinates at which laws are held, in m; NaN for the others. Their forces follow from equilibrium.
-        share : ndarray, shape (m,), optional
-            Stiffnesses in N/m, in proportion to which held laws share a force that equilibrium leaves open,
-            as of two at one point.
-
-        Returns
-        -------
-        tuple of three arrays of shapes (m,), (m,) and (n_rigid,), or None
-            None where the equations have no solution.
+        `tangent`, `intercept` (shape (m,)): tangent, N/m, and force at u = 0, N, of every law; zero for laws that are
+        held.
+        `held` (shape (m,)): coordinates at which laws are held, in m; NaN for the others. Their forces follow from
+        equilibrium.
+        `share` (shape (m,)): stiffnesses in N/m, in proportion to which held laws share a force that equilibrium leaves
+        open, as of two at one point.
+        Returns None where the equations have no solution.
         """
         slope, force = self._summed(tangent), self._summed(self._sign * intercept)
         steep = slope * np.diag(self._compliance) > 1.0
@@ -166,14 +147,9 @@ class Coordinates:
     def left_over(self, w: Array, elastic: Array, intercept: Array, free: NDArray[np.int64]) -> Array:
         """Return what laws other than some leave over of the force at every law's point, in its direction, shape (m,).
 
-        Parameters
-        ----------
-        w : ndarray, shape (m,)
-            Forces in balance with the load.
-        elastic, intercept : ndarray, shape (m,)
-            The two terms that make up the force of every law.
-        free : ndarray of int
-            Numbers of the laws that bear the rest.
+        `w` (shape (m,)): forces in balance with the load.
+        `elastic`, `intercept` (shape (m,)): the two terms that make up the force of every law.
+        `free`: numbers of the laws that bear the rest.
         """
         others = np.ones(w.size)
         others[free] = 0.0

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import SingularSystemError
 from vofem.integrators.rounding import graded
 from vofem.laws import CLOSED, OPEN, PINNED, LawSet
@@ -24,7 +25,6 @@ from vofem.statics.coordinates import Coordinates
 from vofem.statics.line_search import lowest
 from vofem.system import System
 
-Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 Solve = Callable[[Array], Array]
 
@@ -99,16 +99,10 @@ def solver_of(system: System) -> Solve:
 class EquilibriumSolver:
     """Equilibrium of a system under multiples of a load, in the coordinates u of its laws; R is a law of u.
 
-    Attributes
-    ----------
-    rows : csr_matrix, shape (m, n)
-        The rows B of all laws that take part in statics.
-    u : ndarray, shape (m,)
-        Coordinates in the last equilibrium.
-    laws : LawSet
-        With the internal variables that the last accepted equilibrium has left.
-    iterations : int
-        Number of Newton steps in total.
+    `rows` (shape (m, n)): the rows B of all laws that take part in statics.
+    `u` (shape (m,)): coordinates in the last equilibrium.
+    `laws`: with the internal variables that the last accepted equilibrium has left.
+    `iterations`: number of Newton steps in total.
     """
 
     def __init__(self, system: System, force: Array) -> None:
@@ -209,17 +203,9 @@ class EquilibriumSolver:
     def solve(self, factor: float, start: Status | None = None) -> tuple[Status, Array, bool]:
         """Find the equilibrium at a load factor, without changing internal variables.
 
-        Parameters
-        ----------
-        factor : float
-        start : ndarray of int, shape (m,), optional
-            Status from which the search begins. The default is that of the last equilibrium.
-
-        Returns
-        -------
-        status : ndarray of int, shape (m,)
-        reaction : ndarray, shape (m,)
-        found : bool
+        `start` (shape (m,)): status from which the search begins. The default is that of the last equilibrium.
+        Returns `status` (shape (m,)).
+        Returns `reaction` (shape (m,)).
         """
         u, found = self.u, False
         status, reaction = np.zeros(0, dtype=np.int64), np.zeros(0)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.stepping.energies import contact_energy, strain_energy
 from vofem.system import System
-
-Array = NDArray[np.float64]
 
 #: Missing energy, over the largest energy, above which there is a note.
 _WORTH = 1e-6
@@ -17,12 +15,8 @@ _WORTH = 1e-6
 def taken(system: System, q: Array, energies: Array) -> Array:
     """Return the energy in J stored and dissipated by bodies, springs and contacts at each factor, (n_factors,).
 
-    Parameters
-    ----------
-    system : System
-    q : ndarray, shape (n, n_factors)
-    energies : ndarray, shape (2, m, n_factors)
-        Energy stored and energy dissipated by laws with internal variables, J.
+    `q` has shape (n, n_factors).
+    `energies` (shape (2, m, n_factors)): energy stored and energy dissipated by laws with internal variables, J.
     """
     times = np.zeros(q.shape[1])
     whole = strain_energy(system, q, times) + contact_energy(system.contacts, q, times) + energies.sum(axis=(0, 1))
@@ -36,13 +30,9 @@ def work_notes(factors: Array, way: Array, energy: Array) -> list[str]:
     the displacement on which it does work. The work of a step therefore lies between the products of this displacement
     with the load at the two ends of the step. A wrong equilibrium lies outside these bounds.
 
-    Parameters
-    ----------
-    factors : ndarray, shape (n_factors,)
-    way : ndarray, shape (n_factors,)
-        Product of the load vector at factor 1 with the displacements, J.
-    energy : ndarray, shape (n_factors,)
-        Energy stored and dissipated since the path began, J.
+    `factors` has shape (n_factors,).
+    `way` (shape (n_factors,)): product of the load vector at factor 1 with the displacements, J.
+    `energy` (shape (n_factors,)): energy stored and dissipated since the path began, J.
     """
     load, far, held = (np.concatenate([[0.0], part]) for part in (factors, way, energy))
     ends = np.diff(far) * np.stack([load[:-1], load[1:]])

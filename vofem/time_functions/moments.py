@@ -13,9 +13,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from vofem.arrays import Array
 
 #: Nodes and weights of Gauss and Legendre on [-1/2, 1/2].
 _NODES, _WEIGHTS = (0.5 * part for part in np.polynomial.legendre.leggauss(5))
@@ -27,18 +26,10 @@ _SMALL = 0.7
 def gather(left: Array, right: Array, corners: Array, smooth: Callable[[Array, Array], Array]) -> Array:
     """Return the moments over intervals from those of their parts between corners.
 
-    Parameters
-    ----------
-    left, right : ndarray, shape (n,)
-        Ends of the intervals in s.
-    corners : ndarray, shape (k,)
-        Times at which the function or its slope may jump, sorted.
-    smooth : callable
-        Returns the moments over intervals without corners inside, shape (3, n).
-
-    Returns
-    -------
-    moments : ndarray, shape (3, n)
+    `left`, `right` (shape (n,)): ends of the intervals in s.
+    `corners` (shape (k,)): times at which the function or its slope may jump, sorted.
+    `smooth`: returns the moments over intervals without corners inside, shape (3, n).
+    Returns `moments` (shape (3, n)).
     """
     if not corners.size:
         return smooth(left, right)
@@ -65,12 +56,9 @@ def gather(left: Array, right: Array, corners: Array, smooth: Callable[[Array, A
 def carried(part: Array, share: Array, middle: Array) -> Array:
     """Return what parts contribute to the moments of an interval, shape (3, n).
 
-    Parameters
-    ----------
-    part : ndarray, shape (3, n)
-        Moments of parts about their own middles.
-    share, middle : ndarray, shape (n,)
-        Lengths of the parts, and places of their middles from that of the interval, as fractions of its length.
+    `part` (shape (3, n)): moments of parts about their own middles.
+    `share`, `middle` (shape (n,)): lengths of the parts, and places of their middles from that of the interval, as
+    fractions of its length.
     """
     m0, m1, m2 = part
     second = (middle**2 + (share**2 - 1.0) / 12.0) * m0 + 2.0 * middle * share * m1 + share**2 * m2

@@ -41,23 +41,13 @@ def subjects() -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity with its right value.
+    """A quantity with its right value."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the quantity, with its unit in brackets.
-    reference : float
-    relative : bool
-        Whether errors count relative to the reference.
-    tolerance : float or dict of str to float, optional
-        The tolerance, for all methods or by method: a method that is not named is not compared. Without it the
-        tolerance is that of the method.
-    """
-
-    name: str
+    name: str  #: Name of the quantity, with its unit in brackets.
     reference: float
-    relative: bool = True
+    relative: bool = True  #: Whether errors count relative to the reference.
+    #: The tolerance, for all methods or by method: a method that is not named is not compared. Without it the tolerance
+    #: is that of the method.
     tolerance: float | Mapping[str, float] | None = None
 
     def error(self, got: float) -> float:
@@ -74,30 +64,14 @@ class Quantity:
 
 @dataclass(frozen=True)
 class How:
-    """How a method is run on a case, and what is expected of it.
+    """How a method is run on a case, and what is expected of it."""
 
-    Attributes
-    ----------
-    tolerance : float
-        Tolerance of the quantities that have none of their own.
-    options : dict
-        Further arguments of `simulate`, such as dt.
-    expected : str
-        PASSED, REPORTED, REFUSED or STOPPED.
-    says : str
-        Regular expression that the error message, or one of the notes, must match.
-    slow : bool
-        Left out in quick runs.
-    may_refuse : bool
-        Whether the method may refuse the case instead, whatever is expected of it otherwise.
-    """
-
-    tolerance: float = 0.0
-    options: Mapping[str, Any] = field(default_factory=dict)
-    expected: str = PASSED
-    says: str = ""
-    slow: bool = False
-    may_refuse: bool = False
+    tolerance: float = 0.0  #: Tolerance of the quantities that have none of their own.
+    options: Mapping[str, Any] = field(default_factory=dict)  #: Further arguments of `simulate`, such as dt.
+    expected: str = PASSED  #: PASSED, REPORTED, REFUSED or STOPPED.
+    says: str = ""  #: Regular expression that the error message, or one of the notes, must match.
+    slow: bool = False  #: Left out in quick runs.
+    may_refuse: bool = False  #: Whether the method may refuse the case instead, whatever is expected of it otherwise.
 
 
 class Run:
@@ -139,29 +113,14 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A case of the catalogue.
+    """A case of the catalogue."""
 
-    Attributes
-    ----------
-    number : int or None
-        Number of a hard case; None for a published one.
-    name : str
-        Unique.
-    source : str
-        Closed form, independent program, or test case and address of a publication.
-    quantities : tuple of Quantity
-    measure : callable
-        Takes a `Run`, returns values by the names of the quantities.
-    how : dict of str to How
-        By method; those that have nothing to do with the case are absent.
-    """
-
-    number: int | None
-    name: str
-    source: str
+    number: int | None  #: Number of a hard case; None for a published one.
+    name: str  #: Unique.
+    source: str  #: Closed form, independent program, or test case and address of a publication.
     quantities: tuple[Quantity, ...]
-    measure: Callable[[Run], Mapping[str, float]]
-    how: Mapping[str, How]
+    measure: Callable[[Run], Mapping[str, float]]  #: Takes a `Run`, returns values by the names of the quantities.
+    how: Mapping[str, How]  #: By method; those that have nothing to do with the case are absent.
 
     @property
     def label(self) -> str:

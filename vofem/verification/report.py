@@ -64,11 +64,7 @@ def summary(outcomes: Iterable[Outcome]) -> str:
 def markdown(outcomes: Iterable[Outcome], details: str = "") -> str:
     """Return a summary by method and by source, and the table of methods by cases, as Markdown.
 
-    Parameters
-    ----------
-    outcomes : iterable of Outcome
-    details : str
-        Name of the file with the details, for a link to it; no link where empty.
+    `details`: name of the file with the details, for a link to it; no link where empty.
     """
     outcomes = tuple(outcomes)
     lines = [

@@ -43,26 +43,13 @@ class Measured:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one method made of one case.
-
-    Attributes
-    ----------
-    case : Case
-    method : str
-    verdict : str
-        PASSED, REPORTED, REFUSED, STOPPED or FAILED.
-    measured : tuple of Measured
-        Empty where the run ended with an error.
-    message : str
-        Of the error, or the note that was asked for, or why it failed.
-    seconds : float
-    """
+    """What one method made of one case."""
 
     case: Case
     method: str
-    verdict: str
-    measured: tuple[Measured, ...]
-    message: str
+    verdict: str  #: PASSED, REPORTED, REFUSED, STOPPED or FAILED.
+    measured: tuple[Measured, ...]  #: Empty where the run ended with an error.
+    message: str  #: Of the error, or the note that was asked for, or why it failed.
     seconds: float
 
     @property
@@ -81,16 +68,8 @@ class Outcome:
 def select(cases: Iterable[Case], pattern: str | None) -> tuple[Case, ...]:
     """Return the cases whose number is a pattern, or whose label, number or source matches it.
 
-    Parameters
-    ----------
-    cases : iterable of Case
-    pattern : str, optional
-        A number, a part of the name, or a pattern with * and ?; all cases where not given.
-
-    Raises
-    ------
-    ArgumentError
-        If no case matches.
+    `pattern`: a number, a part of the name, or a pattern with * and ?; all cases where not given.
+    Raises `ArgumentError` if no case matches.
     """
     cases = tuple(cases)
     if pattern is None:
@@ -112,18 +91,9 @@ def select(cases: Iterable[Case], pattern: str | None) -> tuple[Case, ...]:
 def verify(cases: Iterable[Case], method: str | None = None, quick: bool = False) -> Iterator[Outcome]:
     """Run cases with every method that they name, or with one, and yield the outcomes.
 
-    Parameters
-    ----------
-    cases : iterable of Case
-    method : str, optional
-        One of `case.subjects`.
-    quick : bool
-        Whether slow runs are left out.
-
-    Raises
-    ------
-    ArgumentError
-        For an unknown method.
+    `method`: one of `case.subjects`.
+    `quick`: whether slow runs are left out.
+    Raises `ArgumentError` for an unknown method.
     """
     known = subjects()
     if method is not None and method not in known:

@@ -4,7 +4,7 @@ A column is the derivative of the motion with respect to one unknown. The unknow
 and the durations of segments. At a fixed time a column W of a segment follows the linear part of the motion. At the end
 of the segment, whose time changes by T, the state changes by ``W + f T`` with the rates f of the state there. The next
 segment begins with the column ``W + f T - f_next T``. Nothing is divided by the rate of a gap function, so this holds
-at grazings too.
+at grazings too. At an impact on a rigid stop the state and ``W + f T`` pass the same linear map.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +24,13 @@ from vofem.integrators.event_driven.clusters import Group
 from vofem.integrators.event_driven.exosystem import exosystem, gathered
 from vofem.integrators.event_driven.flow import modes_of
 from vofem.integrators.event_driven.pieces import Maps, Pieces, Structure, maps, pass_segments, pieces, structure
-from vofem.integrators.event_driven.regime import Motion, Regime, regime_of, start_motion
-from vofem.integrators.event_driven.spectrum import Spectra
+from vofem.integrators.event_driven.regime import Motion, Regime, Regimes, start_motion
 from vofem.kernels.mode import kernels
-from vofem.system import Counters, System
+from vofem.system import PINNED, Counters, System
+
+if TYPE_CHECKING:
+    from vofem.integrators.event_driven.sliders import Sliders
+    from vofem.laws import FrictionLaws
 
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
@@ -106,6 +109,39 @@ class _Table(NamedTuple):
     groups: list[Group | None]
 
 
+class Stuck(NamedTuple):
+    """What rigid sliders that stick hold: their places stay where they are, and all else moves about them.
+
+    Attributes
+    ----------
+    carry : ndarray, shape (n, n)
+        The displacement that the places of the sliders ask for, in equilibrium under reactions alone.
+    reaction : ndarray, shape (k, n)
+        Reactions of everything pinned to that displacement.
+    """
+
+    carry: Array
+    reaction: Array
+
+
+def _stuck(regime: Regime, contacts: Array, status: Status, first: int) -> Stuck | None:
+    """Return what the sliders of a status hold; None where none sticks. Their rows are the last of the contacts."""
+    held = np.flatnonzero(status == PINNED)
+    mine = np.flatnonzero(held >= first)
+    if not mine.size:
+        return None
+    real, force = regime.spectrum.real, regime.reactions
+    assert real.lifts is not None
+    assert force is not None
+    lift, push, react = (part[:, mine] for part in real.lifts)
+    # Where the structure has rigid motions, these modes balance what reactions leave.
+    bent = real.down(push) / np.where(real.p > 0.0, real.p, np.inf)[:, None]
+    rows = contacts[held]
+    share = np.linalg.solve(rows @ rows.T, rows)
+    reaction = force.displacement @ bent + share @ push - react
+    return Stuck((lift + real.up(bent)) @ rows[mine], reaction @ rows[mine])
+
+
 class Course:
     """Follows a system along given segments.
 
@@ -116,34 +152,56 @@ class Course:
     horizon : float
         Longest duration of a segment in s.
     counters : Counters
+    group : FrictionLaws, optional
+        Rigid sliders without belts, whose rows are the last ones of the contacts.
+
+    Attributes
+    ----------
+    sliders : Sliders, optional
     """
 
-    def __init__(self, system: System, horizon: float, counters: Counters) -> None:
+    def __init__(self, system: System, horizon: float, counters: Counters, group: FrictionLaws | None = None) -> None:
         self.system, self.horizon = system, horizon
         self.space = modes_of(system, counters)
-        self._spectra = Spectra(self.space, system.contacts, counters, system.cache)
         functions, self._vectors = gathered(system.loads, self.space.loads)
+        self.sliders: Sliders | None = None
+        if group is not None:
+            from vofem.integrators.event_driven.sliders import Sliders
+
+            assert system.contacts is not None
+            self.sliders = Sliders(group, len(system.contacts) - len(group), len(functions))
+        self._linear = Regimes(system, self.space, self._vectors, counters, self.sliders)
         # The loads have no breakpoints.
         edges = np.array([0.0, horizon])
         self.loads = exosystem(functions, edges, constant=system.contacts is not None)
-        self._regimes: dict[bytes, Regime] = {}
+        self._stuck: dict[bytes, Stuck | None] = {}
         self._table: _Table | None = None
 
     def regime(self, status: Status) -> Regime:
         """Return the linear piece of a contact status."""
-        key = status.tobytes()
-        if key not in self._regimes:
-            load = self.loads.function[0], self.loads.omega[0], self.loads.bend
-            self._regimes[key] = regime_of(
-                self._spectra[status], self.space, self.system.contacts, status, np.abs(self.space.contacts),
-                self._vectors, load, self.horizon,
-            )  # fmt: skip
-        return self._regimes[key]
+        return self._linear.of(status, self.loads, 0)
 
     def motion(self, status: Status, time: float, state: Array) -> Motion:
         """Return the motion from a modal state, shape (2n,), at a time in s."""
-        n = self.space.size
-        return start_motion(self.regime(status), state[:n], state[n:], self.loads.at(np.array([time]))[0])
+        n, w, held = self.space.size, self.loads.at(np.array([time]))[0], self.stuck(status)
+        if held is None:
+            return start_motion(self.regime(status), state[:n], state[n:], w)
+        kept = held.carry @ state[:n]
+        found = start_motion(self.regime(status), state[:n] - kept, state[n:], w)
+        return replace(found, displacement=found.displacement + kept)
+
+    def stuck(self, status: Status) -> Stuck | None:
+        """Return what sliders that stick hold; None where none does."""
+        key = status.tobytes()
+        if self.sliders is not None and key not in self._stuck:
+            self._stuck[key] = _stuck(self.regime(status), self.space.contacts, status, self.sliders.first)
+        return self._stuck.get(key)
+
+    def reaction(self, status: Status, time: float, state: Array, contact: int) -> float:
+        """Return the reaction of a slider or contact that rests in a modal state (2n,) at a time in s."""
+        held = int(np.sum(status[:contact] == PINNED))
+        found, kept = float(self.motion(status, time, state).reactions(np.zeros(1))[held, 0]), self.stuck(status)
+        return found if kept is None else found + float(kept.reaction[held] @ state[: self.space.size])
 
     @cached_property
     def _structure(self) -> Structure:
@@ -162,7 +220,9 @@ class Course:
         spectra = [regime.spectrum for regime in regimes]
 
         def made() -> Maps:
-            return maps(self.space, self.system.contacts, every, spectra)
+            held = [self.stuck(status) for status in every]
+            carries = [None if one is None else one.carry for one in held]
+            return maps(self.space, self.system.contacts, every, spectra, carries)
 
         of_system = self.system.cache.get("maps of statuses", b"".join(keys), made, _MOST_SETS)
         loads = pieces(regimes, self.loads, self.space.size)
@@ -172,7 +232,8 @@ class Course:
 
     def along(
         self, time: float, state: Array, statuses: Sequence[Status], durations: Array,
-        columns: Array | None = None, lengthen: Array | None = None, nodes: Array | None = None, *, every: bool = False,
+        columns: Array | None = None, lengthen: Array | None = None, nodes: Array | None = None, *,
+        struck: Sequence[int] = (), every: bool = False,
     ) -> Path:  # fmt: skip
         """Return the motion from a modal state at a time in s through segments.
 
@@ -189,6 +250,8 @@ class Course:
         nodes : ndarray, shape (m - 1, 2n), optional
             States at which the segments after the first begin, in place of the ends of the segments before. The last
             column then contains the differences, as they grow along the motion.
+        struck : sequence of int
+            The rigid stop that is hit at the end of each of the first segments, -1 for none.
         every : bool
             Whether the columns are kept at the ends of all segments.
 
@@ -204,6 +267,8 @@ class Course:
             raise ConvergenceError("a segment became so short that its motion cannot be followed backwards")
         if columns is None or lengthen is None:
             columns, lengthen = np.empty((size, 0)), np.empty((durations.size, 0))
+        hit = np.full(durations.size, -1)
+        hit[: len(struck)] = struck
         k = columns.shape[1]
         kept = np.empty((durations.size if every else 0, size, k))
         nodes = np.empty((0, size)) if nodes is None else np.ascontiguousarray(nodes)
@@ -212,7 +277,7 @@ class Course:
             moved = table.pieces._replace(response=response(bool(table.pieces.pairs.any())))
             starts, ends, means, shifts, end_rows, mean_rows, last, sizes = pass_segments(
                 self._structure, table.maps, moved, table.groups if grouped else None, time,
-                np.ascontiguousarray(state), numbers, durations, np.array(columns, order="C"),
+                np.ascontiguousarray(state), numbers, durations, hit, np.array(columns, order="C"),
                 np.ascontiguousarray(lengthen), nodes, kept, self.horizon,
             )  # fmt: skip
         times = time + np.append(0.0, np.cumsum(durations[:-1]))

@@ -30,7 +30,6 @@ from vofem.linalg.oscillators import (
     DELTA,
     SQUARE,
     oscillator_times,
-    oscillators,
     oscillators_at,
     oscillators_at_once,
 )
@@ -95,9 +94,9 @@ def ready(blocks: Blocks) -> Blocks:
     return blocks._replace(response=response(blocks.pair.size > 0))
 
 
-def blocks_of(delta: Array, p: Array, pair: Integers, gain: Array, group: Group | None) -> Blocks:
+def blocks_of(of: Array, pair: Integers, gain: Array, group: Group | None) -> Blocks:
     """Return blocks with work space. They may be kept for long, so addresses are set by `ready` where they move."""
-    return Blocks(oscillators(delta, p), pair, gain, group, np.empty((7, p.size)), response(False))
+    return Blocks(of, pair, gain, group, np.empty((7, of.shape[1])), response(False))
 
 
 @jit

@@ -22,7 +22,7 @@ from vofem.integrators.event_driven.modal_space import ModalSpace, modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.tangent import Event, Tangent, acceleration
-from vofem.system import Counters, State, System
+from vofem.system import OPEN, Counters, State, System
 
 if TYPE_CHECKING:
     from vofem.integrators.event_driven.walk import Walker
@@ -70,7 +70,7 @@ class FlowEvent:
         Time in s.
     contact : int
     before, after : int
-        Status of the contact.
+        Status of the contact; both are open at an impact on a rigid stop.
     rate : float
         Rate of its gap function just before, m/s.
     """
@@ -139,7 +139,7 @@ class Flow:
         """
         segments = self.solution.segments
         z, v = [self.displacement, *segments.displacement], [self.velocity, *segments.velocity]
-        if segments.starts.size < _FEW:
+        if segments.starts.size < _FEW or self.solution.given.sliders is not None:
             inside = self.start.time + (self.stop - self.start.time) * _INSIDE
             more_z, more_v = self.solution.modal(inside)
             z, v = [*z, *more_z.T], [*v, *more_v.T]
@@ -156,6 +156,16 @@ def modal_state(system: System, space: ModalSpace, state: State) -> tuple[Array,
 def modes_of(system: System, counters: Counters) -> ModalSpace:
     """Return the modes of a system without contacts, solved once."""
     return system.cache.get("modal space", None, lambda: modal_space(system, counters))
+
+
+def solution_of(system: System, t_end: float, times: Array, counters: Counters) -> EventSolution:
+    """Return the solution to be filled, with the modal space of the system, which is solved once."""
+    if system.sliders is None:
+        return EventSolution(system, modes_of(system, counters), t_end, times, counters)
+    from vofem.integrators.event_driven.sliders import with_sliders
+    from vofem.integrators.event_driven.sliding import SlidingSolution
+
+    return SlidingSolution(system, modes_of(with_sliders(system), counters), t_end, times, counters)
 
 
 def flow(
@@ -188,9 +198,9 @@ def flow(
         After `most_events` events.
     """
     counters = Counters() if counters is None else counters
-    space = modes_of(system, counters)
+    solution = solution_of(system, stop, np.array([stop]), counters)
+    space = solution.space
     n = space.size
-    solution = EventSolution(system, space, stop, np.array([stop]), counters)
     t, displacement, velocity = start.time, start.displacement, start.velocity
     if start.status is None:
         shapes = space.shapes
@@ -200,11 +210,9 @@ def flow(
     else:
         status = start.status
         solution.begin_at(status, displacement, start.touching)
-    tangent = None if derivative is None else Tangent(space, system.contacts, derivative[:n], derivative[n:])
+    tangent = None if derivative is None else Tangent(space, solution.system.contacts, derivative[:n], derivative[n:])
     edges = [t, *_stops(system, t, stop)]
-    follower = follower_of(
-        solution, edges, t, status, displacement, velocity, PIN_FRACTION, most_events
-    )  # fmt: skip
+    follower = follower_of(solution, edges, t, status, displacement, velocity, PIN_FRACTION, most_events)
     while follower.time < stop:
         follower.advance()
         if solution.record.events > most_events:
@@ -227,6 +235,7 @@ def _pass_along(solution: EventSolution, follower: Follower | Walker, tangent: T
     """Compute perturbations, if there are any, along all segments of a flow; return its events."""
     record, space = solution.record, solution.space
     events: list[FlowEvent] = []
+    bounces = solution.hard_bounces
     for index, duration in enumerate(record.durations):
         if tangent is not None:
             tangent.drift(solution.spectrum(index), duration)
@@ -237,6 +246,14 @@ def _pass_along(solution: EventSolution, follower: Follower | Walker, tangent: T
             time, after = follower.time, follower.status
             displacement, velocity = follower.displacement, follower.velocity
         before = record.status(index)
+        if index + 1 in bounces:
+            number = bounces[index + 1]
+            assert solution.bounces is not None
+            rate = float(solution.bounces.approach[number])
+            events.append(FlowEvent(float(time), int(solution.bounces.contact[number]), OPEN, OPEN, rate))
+            if tangent is not None:
+                tangent.bounce(*solution.impact(number))
+            continue
         changed = np.flatnonzero(before != after).tolist()
         for j in changed:
             rate = float(space.contacts[j] @ velocity)

@@ -191,9 +191,9 @@ class Follower:
                 self.status[run[SWITCHED]] = record.buffers.event_status[record.events - 1]
             return
         regime = solution.regime(self.status, int(solution.exosystem.kind[run[INTERVAL]]))
-        count = regime.sign.size
+        count = regime.exits.sign.size
         hits = np.flatnonzero(functions[HIT * count : (HIT + 1) * count])
-        entered = dict(zip(regime.owner[hits].tolist(), regime.leads[hits].tolist(), strict=True))
+        entered = dict(zip(regime.exits.owner[hits].tolist(), regime.exits.leads[hits].tolist(), strict=True))
         run[LEFT] = -1
         self.status = solution.enter(
             self.time, self.status, entered, self.displacement, self.velocity, self._pin_fraction

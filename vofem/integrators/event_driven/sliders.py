@@ -10,7 +10,7 @@ segment follows from the state there. With S for the displacements that put rigi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -48,7 +48,7 @@ def with_sliders(system: System) -> System:
     if contacts is not None:
         joined: dict[str, Any] = {name: np.concatenate([getattr(contacts, name), own]) for name, own in numbers.items()}
         both = ContactLaws((*contacts.names, *group.names), vstack([contacts.rows, group.rows], format="csr"), **joined)
-    return replace(system, laws=(both,))
+    return system.with_laws("with sliders", (both,))
 
 
 @dataclass(frozen=True)
@@ -282,13 +282,3 @@ class SlidingPiece(NamedTuple):
     def moves(self) -> bool:
         """Whether belts move stuck sliders, so that powers have terms beside those of the blocks."""
         return any(anchor.belt is not None for anchor in self.sliders.anchors)
-
-    def work_and_loss(self, regime: Any, states: Array) -> tuple[Array, Array]:
-        """Return the power of loads and belts, and that of dampers, W, each (k,), of states (k, 2, M)."""
-        _, v = regime.to_modes(states, shifted=True)
-        whole, e = states.reshape(len(states), -1), regime.loads
-        mine = np.flatnonzero(regime.function >= 0)
-        work = np.sum((v @ regime.vectors[regime.function[mine]].T) * states[:, 0, mine], axis=1)
-        work -= np.sum((whole @ self.forces.T) * (states[:, 1, :e] @ self.pushes.anchors.T), axis=1)
-        loss = np.sum(v.T * self.space.damping_force(v.T), axis=0)
-        return work, loss + (v @ self.space.contacts.T) ** 2 @ self.dampers

@@ -29,9 +29,8 @@ def _parts(regime: Regime) -> list[NDArray | None]:
     spectrum, blocks = regime.spectrum, regime.blocks
     mixed, real = spectrum.blocks, spectrum.real
     return [
-        blocks.of, blocks.pair, blocks.gain, regime.levels, regime.rows, regime.sizes, regime.sign, regime.level,
-        regime.owner, regime.leads, regime.answers.steady.T, real.modes, None if mixed is None else mixed.into,
-        None if mixed is None else mixed.out, real.shift,
+        blocks.of, blocks.pair, blocks.gain, regime.levels, *regime.exits, regime.answers.steady.T, real.modes,
+        None if mixed is None else mixed.into, None if mixed is None else mixed.out, real.shift,
     ]  # fmt: skip
 
 
@@ -60,7 +59,7 @@ class Statuses:
 
     def enter(self, regime: Regime, number: int, kind: int) -> None:
         """Give a linear piece a slot, from its numbers of contact status and kind of loads."""
-        self.make_room(number + 1, regime.sign.size)
+        self.make_room(number + 1, regime.exits.sign.size)
         if self.slots[number, kind] >= 0:
             return
         if self._memory > _MOST_MEMORY:
@@ -71,7 +70,7 @@ class Statuses:
         self._memory += sum(0 if part is None else part.nbytes for part in parts)
         m, loads = regime.blocks.of.shape[1], regime.loads
         sizes = [
-            regime.sign.size, regime.blocks.pair.shape[0], regime.levels.size, m, m - loads,
+            regime.exits.sign.size, regime.blocks.pair.shape[0], regime.levels.size, m, m - loads,
             m if regime.mixed else loads,
         ]  # fmt: skip
         self.slots[number, kind] = len(self.table)

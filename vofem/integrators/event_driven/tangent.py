@@ -130,6 +130,11 @@ class Tangent:
             # A pinned contact is released as its reaction reaches the force of the status that follows: nothing jumps.
             now = following
 
+    def bounce(self, row: Array, restitution: float, rate: float, push: tuple[Array, Array]) -> None:
+        """Pass an impact on a rigid stop; see `bounced`."""
+        v = bounced(self.z, self.v, row, restitution, rate, push)
+        self.z, self.v = struck(row, restitution, self.z), v
+
     def _switch(self, event: Event, now: Status, contact: int, sign: float) -> None:
         """Pass a closing (sign -1) or an opening (sign 1): the force jumps, and with it the acceleration."""
         laws, row = self._laws, self._space.contacts[contact]

@@ -24,10 +24,7 @@ def mode_snapshots(modes: Modes, number: int, scene: Scene | None, count: int) -
 
     Its size is arbitrary: the largest displacement is shown as a twentieth of the longest beam.
 
-    Raises
-    ------
-    ArgumentError
-        For a number that there is no mode of, and for a scene of other bodies.
+    Raises `ArgumentError` for a number that there is no mode of, and for a scene of other bodies.
     """
     if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 0 <= number < modes.omega.size:
         raise ArgumentError(f"animate: mode is {number!r}, expected 0 to {modes.omega.size - 1}")

@@ -47,15 +47,9 @@ def check(suffix: str) -> None:
 def write(frames: Iterable[Frame], path: Path, suffix: str, fps: float) -> None:
     """Write frames, each of shape (height, width, 3), to a file.
 
-    Parameters
-    ----------
-    frames : iterable of ndarray
-    path : Path
-        Where they are written; its own suffix does not matter.
-    suffix : str
-        One of `SUFFIXES`.
-    fps : float
-        Frames per second.
+    `path`: where they are written; its own suffix does not matter.
+    `suffix`: one of `SUFFIXES`.
+    `fps`: frames per second.
     """
     (_write_mp4 if suffix == ".mp4" else _write_gif if suffix == ".gif" else _write_webp)(iter(frames), path, fps)
 

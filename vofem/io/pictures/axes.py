@@ -132,29 +132,13 @@ class Canvas:
     Without a file and without axes the figure is one of ``matplotlib.pyplot``, so that notebooks and
     ``pyplot.show()`` show it.
 
-    Parameters
-    ----------
-    what : str
-        The function that draws, for messages.
-    path : path, optional
-        The file.
-    ax : axes, or several of them, optional
-        The axes of the user, in the order of rows.
-    size : (float, float)
-        Width and height of a new figure in inches.
-    rows, columns : int
-    options
-        Further options of ``Figure.subplots``.
-
-    Attributes
-    ----------
-    figure : Figure
-    grid : ndarray of axes, shape (rows, columns)
-
-    Raises
-    ------
-    ArgumentError
-        If `ax` does not have the required number of axes.
+    `what`: the function that draws, for messages.
+    `path`: the file.
+    `ax`: the axes of the user, in the order of rows.
+    `size`: width and height of a new figure in inches.
+    `options`: further options of ``Figure.subplots``.
+    `grid` has shape (rows, columns).
+    Raises `ArgumentError` if `ax` does not have the required number of axes.
     """
 
     def __init__(

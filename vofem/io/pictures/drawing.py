@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from vofem.arrays import Array
+
 Box = tuple[float, float, float, float]
 
 #: Colour map of the bending moment by its name in matplotlib: blue where negative, red where positive.
@@ -40,20 +41,13 @@ DPI = 100.0
 
 @dataclass(frozen=True)
 class Strip:
-    """The area between two curves over a common x, coloured by values: a ribbon or a diagram.
+    """The area between two curves over a common x, coloured by values: a ribbon or a diagram."""
 
-    Attributes
-    ----------
-    x, low, high : ndarray, shape (k,)
-        Coordinates in pixels.
-    values : ndarray, shape (k,)
-        Values in the unit of `Drawing.limit`.
-    """
-
+    #: `x`, `low`, `high`: coordinates in pixels, shape (k,).
     x: Array
     low: Array
     high: Array
-    values: Array
+    values: Array  #: Values in the unit of `Drawing.limit`, shape (k,).
 
 
 @dataclass(frozen=True)
@@ -96,25 +90,16 @@ class Label:
 
 @dataclass
 class Drawing:
-    """Shapes of a picture.
+    """Shapes of a picture."""
 
-    Attributes
-    ----------
-    size : tuple of int
-        Width and height in pixels.
-    limit : float
-        Strips are coloured from -limit to limit.
-    taken : list of tuple
-        Left, bottom, right and top of areas other than labels that `place` keeps free of labels.
-    """
-
-    size: tuple[int, int]
-    limit: float = 1.0
+    size: tuple[int, int]  #: Width and height in pixels.
+    limit: float = 1.0  #: Strips are coloured from -limit to limit.
     strips: list[Strip] = field(default_factory=list)
     patches: list[Patch] = field(default_factory=list)
     lines: list[Line] = field(default_factory=list)
     dots: list[Patch] = field(default_factory=list)
     labels: list[Label] = field(default_factory=list)
+    #: Left, bottom, right and top of areas other than labels that `place` keeps free of labels.
     taken: list[Box] = field(default_factory=list)
 
     def line(self, x: object, y: object, color: str, width: float, behind: bool = False) -> None:

@@ -3,25 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from vofem.arrays import Array
 
 
 def envelope_of(times: Array, values: Array, window: tuple[float, float], parts: int) -> tuple[Array, Array, Array]:
     """Return the middles of the parts that hold values, and the least and the largest value in each.
 
-    Parameters
-    ----------
-    times, values : ndarray, shape (n,)
-        Times and values in the order of time.
-    window : (float, float)
-        In s.
-    parts : int
-
-    Returns
-    -------
-    middle, low, high : ndarray, shape (k,)
+    `times`, `values` (shape (n,)): times and values in the order of time.
+    `window`: in s.
+    Returns `middle, low, high` (shape (k,)).
     """
     edges = np.linspace(*window, parts + 1)
     part = np.clip(np.searchsorted(edges, times, side="right") - 1, 0, parts - 1)

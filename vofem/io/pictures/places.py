@@ -8,47 +8,33 @@ from vofem.bodies import Beam
 from vofem.bodies.base import Body
 from vofem.effects import Contact, Foundation, RigidStop
 from vofem.errors import ArgumentError
-from vofem.io.pictures.layout import is_line
 from vofem.scene import Scene
 
 AnyBody = TypeVar("AnyBody", bound=Body)
 
 
-class Place(NamedTuple):
-    """A contact of a body.
+def is_line(body: Body) -> bool:
+    """Return whether a body is drawn as a line, not as a block."""
+    return body.shape.kind == "line"
 
-    Attributes
-    ----------
-    name : str
-    x : float
-        Place on the axis of a beam in m. Masses are numbered from 1, and a contact lies between the numbers of its two
-        masses.
-    surface : float or None
-        The displacement in m at which the body touches a stop; None between two bodies.
-    """
+
+class Place(NamedTuple):
+    """A contact of a body."""
 
     name: str
+    #: Place on the axis of a beam in m. Masses are numbered from 1, and a contact lies between the numbers of its two
+    #: masses.
     x: float
-    surface: float | None
+    surface: float | None  #: The displacement in m at which the body touches a stop; None between two bodies.
 
 
 def along_beam(scene: Scene, beam: Body) -> list[Place]:
     """Return the contacts of a beam or another line, those of a one-sided foundation at every node among them."""
     places = []
-    held = set(scene.model.system.contacts.names) if scene.model.system.contacts is not None else set()
-    for effect in scene.effects:
-        if isinstance(effect, (Contact, RigidStop)):
-            surface = (
-                None
-                if effect.b is not None or effect.of == "rotation"
-                else -effect.gap
-                if effect.side == "below"
-                else effect.gap
-            )
-            places += [Place(effect.name, p.x, surface) for p in effect.points() if p.body is beam]
-        elif isinstance(effect, Foundation) and effect.beam is beam:
-            nodes = [(f"{effect.name}[{node}]", float(x)) for node, x in enumerate(effect.beam.nodes)]
-            places += [Place(name, x, -effect.gap) for name, x in nodes if name in held]
+    for contact in all_contacts(scene):
+        fixed = contact.b is None and contact.of != "rotation"
+        surface = (-contact.gap if contact.side == "below" else contact.gap) if fixed else None
+        places += [Place(contact.name, point.x, surface) for point in contact.points() if point.body is beam]
     return places
 
 

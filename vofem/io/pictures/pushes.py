@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.bodies import Beam
 from vofem.bodies.base import Point
 from vofem.bodies.path import place_at
@@ -16,32 +16,19 @@ from vofem.errors import VofemError
 from vofem.scene import Scene
 from vofem.time_functions import as_time_function
 
-Array = NDArray[np.float64]
-
 #: Arrows of a distributed load.
 _ARROWS = 9
 
 
 @dataclass(frozen=True)
 class Push:
-    """A load at the time of a picture.
+    """A load at the time of a picture."""
 
-    Attributes
-    ----------
-    kind : str
-        "force", "moment", "line" (a load along a beam), or "weight".
-    points : tuple of Point
-        Points on which the load acts; empty for the weight.
-    values : ndarray, shape (n_points,)
-        Values in N, N m or N/m, positive upward. For the weight it is g in m/s^2, positive downward.
-    largest : float
-        Largest magnitude over the run, of all points.
-    """
-
-    kind: str
-    points: tuple[Point, ...]
+    kind: str  #: "force", "moment", "line" (a load along a beam), or "weight".
+    points: tuple[Point, ...]  #: Points on which the load acts; empty for the weight.
+    #: Values in N, N m or N/m, positive upward. For the weight it is g in m/s^2, positive downward. Shape (n_points,).
     values: Array
-    largest: float
+    largest: float  #: Largest magnitude over the run, of all points.
 
 
 def pushes(scene: Scene, times: Array, run: Array) -> list[tuple[Push, ...]]:

@@ -21,17 +21,9 @@ _BRACKETS = re.compile(r"\[(\d+)\]")
 def changed(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Return the tables of a scene file with other values.
 
-    Parameters
-    ----------
-    content : dict
-        The parsed file; it is not changed.
-    changes : dict
-        New values by path.
-
-    Raises
-    ------
-    ArgumentError
-        If there is no such key. The message says where the path ends, and which names there are.
+    `content`: the parsed file; it is not changed.
+    `changes`: new values by path.
+    Raises `ArgumentError` if there is no such key. The message says where the path ends, and which names there are.
     """
     result = copy.deepcopy(dict(content))
     for path, value in changes.items():
@@ -49,10 +41,7 @@ def changed(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
 def number_at(content: Mapping[str, Any], path: str) -> float:
     """Return the number at a path.
 
-    Raises
-    ------
-    ArgumentError
-        If there is no such key, or its value is not a number.
+    Raises `ArgumentError` if there is no such key, or its value is not a number.
     """
     value, _ = _at(content, _parts(path), path)
     if isinstance(value, bool) or not isinstance(value, (int, float)):

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.result import Result
-
-Array = NDArray[np.float64]
 
 
 def _amplitude(values: Array) -> float:
@@ -46,18 +44,10 @@ OF_RUNS = ("balance_error", "segments")
 
 @dataclass(frozen=True)
 class Measure:
-    """One quantity of a run.
+    """One quantity of a run."""
 
-    Attributes
-    ----------
-    kind : str
-        One of `OF_POINTS`, `OF_CONTACTS` or `OF_RUNS`.
-    of : object
-        A point, or the name of a contact; None for the run.
-    """
-
-    kind: str
-    of: Any
+    kind: str  #: One of `OF_POINTS`, `OF_CONTACTS` or `OF_RUNS`.
+    of: Any  #: A point, or the name of a contact; None for the run.
 
     def value(self, result: Result, after: float) -> float:
         """Return the quantity over the stored times from `after` on, in s."""

@@ -30,21 +30,9 @@ def scene_to_toml(
 ) -> str:
     """Return the text of a scene file.
 
-    Parameters
-    ----------
-    scene : Scene
-    run : RunSettings, optional
-    output : OutputSettings, optional
-    folder : path, optional
-        Where the file will be: paths of meshes are made relative to it. The
-        current folder where not given.
-    respond : RespondSettings, optional
-
-    Raises
-    ------
-    SceneFileError
-        If a scene file cannot hold something: callables, and initial states that are
-        outcomes; or if no number stands where `respond` says. All of it is listed.
+    `folder`: where the file will be: paths of meshes are made relative to it. The current folder where not given.
+    Raises `SceneFileError` if a scene file cannot hold something: callables, and initial states that are outcomes; or
+    if no number stands where `respond` says. All of it is listed.
     """
     as_scene("scene_to_toml", scene)
     book = Book(Path.cwd() if folder is None else folder, {body.name: body for body in scene.bodies})

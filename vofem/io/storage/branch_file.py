@@ -14,8 +14,8 @@ from typing import Any
 import h5py
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ArgumentError, ConvergenceError, MissingCallableError, SceneFileError
 from vofem.files.hdf5 import check_format, mark_format, writing
 from vofem.files.whole import target
@@ -37,8 +37,6 @@ from vofem.studies.steady.point import Interval
 from vofem.studies.steady.shooting import Shooting, orbit_result
 from vofem.studies.steady.steady_state import as_guess
 from vofem.system import State
-
-Array = NDArray[np.float64]
 
 SUFFIXES = (".h5", ".hdf")
 
@@ -209,14 +207,8 @@ def _scene(text: str, problem: str, folder: Path, content: dict[str, Any] | None
 class _Loaded:
     """Finds further orbits of a branch from a file; see `branch.Source`.
 
-    Parameters
-    ----------
-    kept : dict
-        What the file holds of the orbits.
-    values : ndarray, shape (n_points,)
-    special : list of SpecialPoint
-    orbits : sequence of PeriodicOrbit
-    folder : Path
+    `kept`: what the file holds of the orbits.
+    `values` has shape (n_points,).
     """
 
     def __init__(

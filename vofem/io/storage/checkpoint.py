@@ -29,12 +29,8 @@ FORMAT = 3
 def checkpoint_writer(path: str | os.PathLike[str], scene: Scene) -> Callable[[Plan], Callable[[dict[str, Any]], None]]:
     """Return a function that writes snapshots of a run to a file, each whole or not at all, given the plan of the run.
 
-    Raises
-    ------
-    ArgumentError
-        For another suffix.
-    OutputError
-        If the folder is missing or cannot be written, or the file is there already.
+    Raises `ArgumentError` for another suffix.
+    Raises `OutputError` if the folder is missing or cannot be written, or the file is there already.
     """
     goal = target(path, _SUFFIXES)
     if goal.exists():
@@ -56,17 +52,11 @@ def _identity(file: Path) -> tuple[int, int, int] | None:
 
 @dataclass
 class _Writers:
-    """Makes functions that write snapshots to one file.
-
-    Attributes
-    ----------
-    last : tuple of int, optional
-        The file that may be replaced, if any; see `_identity`.
-    """
+    """Makes functions that write snapshots to one file."""
 
     goal: Path
     scene: Scene
-    last: tuple[int, int, int] | None
+    last: tuple[int, int, int] | None  #: The file that may be replaced, if any; see `_identity`.
 
     def __call__(self, plan: Plan) -> Callable[[dict[str, Any]], None]:
         """Return the function for a plan."""

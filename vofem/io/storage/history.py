@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.files.hdf5 import FILTERS, Blocks
 from vofem.histories.energy import Energy
 from vofem.histories.tables import points_of_interest
@@ -23,24 +24,12 @@ from vofem.io.storage.blocks import block_slices, chunks
 from vofem.result import Result
 from vofem.system import Events
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class History:
-    """The arrays that are read back.
+    """The arrays that are read back."""
 
-    Attributes
-    ----------
-    times : ndarray, shape (n_times,)
-    samples : Samples
-    contacts : ContactSamples or None
-    energy : Energy
-    events : Events
-    recorded : ProbeSamples or None
-    """
-
-    times: Array
+    times: Array  #: Shape (n_times,).
     samples: Samples
     contacts: ContactSamples | None
     energy: Energy

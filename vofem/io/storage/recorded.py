@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem.arrays import Array
 from vofem.bodies import Beam, Body, Point
 from vofem.bodies.coefficient import evaluate_along
 from vofem.errors import MissingCallableError
@@ -24,8 +25,6 @@ from vofem.io.storage.tree import name_of_class
 from vofem.parameters import changed, declarations, is_declared, label_of, values_of
 from vofem.scene import Scene
 from vofem.time_functions import Arbitrary, Piece, TimeFunction
-
-Array = NDArray[np.float64]
 
 #: Values per element of a function of x.
 _PER_ELEMENT = 20
@@ -45,26 +44,17 @@ def name_of(function: Any) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """A function known by the values that it was asked for; along a beam also by a polynomial on every element.
-
-    Attributes
-    ----------
-    name : str
-    x, values : ndarray, shape (k,)
-        Arguments, ascending, and values.
-    nodes : ndarray, shape (n_elements + 1,)
-        Nodes of the beam in m; empty where it is no function along a beam.
-    polynomials : ndarray, shape (n_elements, n_points)
-        Values at Chebyshev points inside every element, from left to right.
-    error : ndarray, shape (n_elements,)
-        The largest deviation of each polynomial found when it was stored, over the largest value.
-    """
+    """A function known by the values that it was asked for; along a beam also by a polynomial on every element."""
 
     name: str
+    #: `x`, `values`: arguments, ascending, and values, shape (k,).
     x: Array
     values: Array
+    #: Nodes of the beam in m; empty where it is no function along a beam. Shape (n_elements + 1,).
     nodes: Array = field(default_factory=lambda: np.empty(0))
+    #: Values at Chebyshev points inside every element, from left to right, shape (n_elements, n_points).
     polynomials: Array = field(default_factory=lambda: np.empty((0, 0)))
+    #: The largest deviation of each polynomial found when it was stored, over the largest value, shape (n_elements,).
     error: Array = field(default_factory=lambda: np.empty(0))
 
     @property

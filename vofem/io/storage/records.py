@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.bodies import Beam, Mass, Path, Point, TravellingPoint
 from vofem.bodies.supports import ByNode
 from vofem.effects import LinearSoftening, NonlinearSpring, Resolved
@@ -31,8 +31,6 @@ from vofem.system import System
 from vofem.time_functions import TimeFunction
 from vofem.time_functions.base import FUNCTIONS
 
-Array = NDArray[np.float64]
-
 #: Declared classes by their names in files.
 _CLASSES: dict[str, type] = {
     **BODIES,
@@ -46,13 +44,8 @@ _NAMES_OF = {cls: name for name, cls in _CLASSES.items()}
 def scene_record(scene: Scene, q: Array, times: Array) -> dict[str, Any]:
     """Return what a file keeps of a scene: its parts if their classes are known here, and what its equations are.
 
-    Parameters
-    ----------
-    scene : Scene
-    q : ndarray, shape (n, n_times)
-        Displacements at which the run has used laws written in Python.
-    times : ndarray, shape (n_times,)
-        Times of the loads in s at which it has used Python functions.
+    `q` (shape (n, n_times)): displacements at which the run has used laws written in Python.
+    `times` (shape (n_times,)): times of the loads in s at which it has used Python functions.
     """
     points = [point for effect in scene.effects for point in effect.points()]
     foreign = [body.label for body in scene.bodies if type(body) not in (Beam, Mass)]
@@ -88,12 +81,8 @@ def restored_scene(record: Mapping[str, Any], scene: Scene | None, call: str, fi
 
     Functions of time and laws in Python are not compared. Messages name `call`, such as "resume", and `file`.
 
-    Raises
-    ------
-    ArgumentError
-        If the given scene has other equations.
-    MissingCallableError
-        If the scene has bodies that the file does not hold, and none is given.
+    Raises `ArgumentError` if the given scene has other equations.
+    Raises `MissingCallableError` if the scene has bodies that the file does not hold, and none is given.
     """
     if scene is not None:
         if equations(as_scene(call, scene).model.system) != record["equations"]:
@@ -143,10 +132,7 @@ def equations(system: System) -> str:
 class Encoder:
     """Turns the parts of a scene into plain data; see `tree.write_tree`.
 
-    Parameters
-    ----------
-    times : ndarray, shape (n_times,)
-        Times of the loads in s at which a run has used functions of other packages.
+    `times` (shape (n_times,)): times of the loads in s at which a run has used functions of other packages.
     """
 
     def __init__(self, times: Array) -> None:

@@ -83,12 +83,8 @@ def save(
 def check_target(path: str | os.PathLike[str], overwrite: bool) -> None:
     """Raise the errors that `save` would raise for this name, before a long run begins.
 
-    Raises
-    ------
-    ArgumentError
-        For another suffix.
-    OutputError
-        If the folder is missing or cannot be written, or the file exists and is not to be overwritten.
+    Raises `ArgumentError` for another suffix.
+    Raises `OutputError` if the folder is missing or cannot be written, or the file exists and is not to be overwritten.
     """
     goal = target(path, SUFFIXES)
     if not overwrite:

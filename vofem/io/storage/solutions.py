@@ -25,10 +25,7 @@ _ELSEWHERE = ("times", "samples", "stored", "events", "probes")
 def solution_record(solution: Solution) -> dict[str, Any]:
     """Return a solution as nested data, without what is stored in the history or as rows of segments.
 
-    Raises
-    ------
-    ArgumentError
-        For a solution of another kind.
+    Raises `ArgumentError` for a solution of another kind.
     """
     if isinstance(solution, SteppedSolution):
         kept = [field.name for field in fields(solution) if field.name not in _ELSEWHERE]

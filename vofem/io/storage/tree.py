@@ -77,17 +77,8 @@ def class_named(name: str) -> Any:
 def write_tree(group: h5py.Group, value: Any, encode: Encode = lambda value: None) -> None:
     """Write nested data into an empty group.
 
-    Parameters
-    ----------
-    group : h5py.Group
-    value : object
-    encode : callable
-        Asked first about everything but numbers, strings, arrays and None.
-
-    Raises
-    ------
-    ArgumentError
-        If a file cannot hold something; the message names its path.
+    `encode`: asked first about everything but numbers, strings, arrays and None.
+    Raises `ArgumentError` if a file cannot hold something; the message names its path.
     """
     write_text(group, "tree", json.dumps(_Writer(group, encode).node(value, "")))
 
@@ -97,10 +88,7 @@ def read_tree(group: h5py.Group, decode: Decode | None = None) -> Any:
 
     Arrays come back with the same type, values and order in memory.
 
-    Raises
-    ------
-    StorageError
-        If the group names a class that is not in `NAMES`, or other fields than the class has.
+    Raises `StorageError` if the group names a class that is not in `NAMES`, or other fields than the class has.
     """
     return _Reader(group, decode or _no_tags).value(json.loads(read_text(group, "tree")))
 

@@ -10,14 +10,12 @@ from __future__ import annotations
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.files.hdf5 import FILTERS, Blocks
 from vofem.io.frames import Frames
 from vofem.io.storage.blocks import empty_dataset
 from vofem.result import Result
-
-Array = NDArray[np.float64]
 
 #: Number of frames that are written by default. Fields on the grid take several times as much space as the history.
 _MOST_FRAMES = 1000
@@ -34,14 +32,9 @@ def frame_times(times: Array, most: int = _MOST_FRAMES) -> Array:
 def write_fields(blocks: Blocks, group: h5py.Group, result: Result, times: Array, magnification: float = 1.0) -> None:
     """Write points, cells and fields of `vofem.Result.frame` at some times.
 
-    Parameters
-    ----------
-    group : h5py.Group
-        The empty group ``VTKHDF``.
-    times : ndarray, shape (n_frames,)
-        Times of the frames, s, increasing.
-    magnification : float
-        By which gaps are drawn larger.
+    `group`: the empty group ``VTKHDF``.
+    `times` (shape (n_frames,)): times of the frames, s, increasing.
+    `magnification`: by which gaps are drawn larger.
     """
     grid = Frames(result, magnification)
     # VTK wants a string of fixed length in ASCII.

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.methods import ENERGY_CONSERVING, EVENT_DRIVEN
 from vofem.kernels.mode import compiled
 from vofem.result import Result
@@ -16,8 +16,6 @@ from vofem.scene import Scene
 from vofem.simulate.simulation import simulate
 from vofem.studies.accuracy.quantities import Observed, observe
 from vofem.studies.accuracy.scaled import scaled
-
-Array = NDArray[np.float64]
 
 #: Above this many degrees of freedom the first run in Ritz vectors takes less time than one in all modes.
 _MANY_UNKNOWNS = 300
@@ -35,44 +33,23 @@ _SECOND_ORDER = (3.0, 5.3)
 
 @dataclass(frozen=True)
 class Exact:
-    """A run without error in time, or with a known one, on one mesh.
-
-    Attributes
-    ----------
-    observed : Observed
-    how : str
-        How it was computed.
-    error : float
-        Estimated error of the point's displacement on this mesh, m: rounding and truncation, or of the steps.
-    horizon : float
-        Time in s until which pointwise values are meaningful.
-    """
+    """A run without error in time, or with a known one, on one mesh."""
 
     observed: Observed
-    how: str
+    how: str  #: How it was computed.
+    #: Estimated error of the point's displacement on this mesh, m: rounding and truncation, or of the steps.
     error: float
-    horizon: float
+    horizon: float  #: Time in s until which pointwise values are meaningful.
 
 
 @dataclass(frozen=True)
 class Question:
-    """The question that every run answers: duration, times of comparison and point.
+    """The question that every run answers: duration, times of comparison and point."""
 
-    Attributes
-    ----------
-    t_end : float
-        End of the run, s.
-    times : ndarray, shape (n_times,)
-        Times of comparison, s.
-    point : point
-    cap : float
-        Seconds after which no finer run begins where a reference is found by halving steps.
-    """
-
-    t_end: float
-    times: Array
+    t_end: float  #: End of the run, s.
+    times: Array  #: Times of comparison, s, shape (n_times,).
     point: Any
-    cap: float
+    cap: float  #: Seconds after which no finer run begins where a reference is found by halving steps.
 
 
 def exact(scene: Scene, question: Question) -> Exact:
@@ -94,33 +71,23 @@ def _by_events(scene: Scene, question: Question) -> Exact:
 
 
 def _event_driven(scene: Scene, question: Question) -> Result:
-    options: dict[str, Any] = {}
-    if scene.model.system.size > _MANY_UNKNOWNS:
-        options["truncation"] = _TRUNCATION
+    many = scene.model.system.size > _MANY_UNKNOWNS
+    return simulated(scene, question, EVENT_DRIVEN.name, **({"truncation": _TRUNCATION} if many else {}))
+
+
+def simulated(scene: Scene, question: Question, method: str, **options: Any) -> Result:
+    """Return the run of a scene for the times of a question."""
     return simulate(
-        scene,
-        question.t_end,
-        method=EVENT_DRIVEN.name,
-        times=question.times,
-        progress=False,
-        compiled=compiled(),
-        **options,
+        scene, question.t_end, method=method, times=question.times, progress=False, compiled=compiled(), **options
     )
 
 
 def rounding(scene: Scene, question: Question, observed: Observed, horizon: float, run: Any) -> float:
     """Return the largest difference to a run of the same equations with other rounding errors, m; NaN without one.
 
-    Parameters
-    ----------
-    scene : Scene
-    question : Question
-    observed : Observed
-        What the run of the scene itself gave.
-    horizon : float
-        Differences beyond it are left aside, s.
-    run : callable of a scene and the question
-        Returns a Result.
+    `observed`: what the run of the scene itself gave.
+    `horizon`: differences beyond it are left aside, s.
+    `run`: returns a Result.
     """
     other = scaled(scene)
     if other is None:
@@ -155,15 +122,5 @@ def _by_steps(scene: Scene, question: Question) -> Exact:
 
 
 def _stepped(scene: Scene, question: Question, steps: int) -> Observed:
-    dt = question.t_end / steps
-    result = simulate(
-        scene,
-        question.t_end,
-        method=ENERGY_CONSERVING.name,
-        dt=dt,
-        times=question.times,
-        progress=False,
-        compiled=compiled(),
-        nearby=False,
-    )
+    result = simulated(scene, question, ENERGY_CONSERVING.name, dt=question.t_end / steps, nearby=False)
     return observe(result, question.point)

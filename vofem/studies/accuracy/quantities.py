@@ -6,36 +6,20 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.result import Result
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Observed:
-    """The quantities of a run that are compared.
+    """The quantities of a run that are compared."""
 
-    Attributes
-    ----------
-    times : ndarray, shape (n_times,)
-        Times of comparison, s.
-    history : ndarray, shape (n_times,)
-        Displacement of the point, m.
-    events : tuple of ndarray
-        Closings and openings of every declared contact, s.
-    impulse : ndarray, shape (n_contacts,)
-        Time integral of every declared contact's force, N s.
-    energy : ndarray, shape (n_times,)
-        Kinetic, strain and contact energy together, J.
-    """
-
-    times: Array
-    history: Array
-    events: tuple[Array, ...]
-    impulse: Array
-    energy: Array
+    times: Array  #: Times of comparison, s, shape (n_times,).
+    history: Array  #: Displacement of the point, m, shape (n_times,).
+    events: tuple[Array, ...]  #: Closings and openings of every declared contact, s.
+    impulse: Array  #: Time integral of every declared contact's force, N s, shape (n_contacts,).
+    energy: Array  #: Kinetic, strain and contact energy together, J, shape (n_times,).
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,8 @@ T = TypeVar("T")
 def best_time(work: Callable[[], T], repeats: int, cap: float) -> tuple[float, T]:
     """Return the shortest time of several runs, in s, and what the first of them returned.
 
-    Parameters
-    ----------
-    work : callable
-    repeats : int
-        Largest number of runs.
-    cap : float
-        Time in s after which no other run begins.
+    `repeats`: largest number of runs.
+    `cap`: time in s after which no other run begins.
     """
     begin = time.perf_counter()
     outcome = work()

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import whole
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.initial import StoredState
 from vofem.scene import Scene
@@ -16,41 +16,22 @@ from vofem.simulate.simulation import simulate
 from vofem.studies.steady.loads import load_period
 from vofem.studies.steady.stroboscope import poincare
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Stroboscope:
-    """The times and points at which a run is sampled.
+    """The times and points at which a run is sampled."""
 
-    Attributes
-    ----------
-    points : tuple of points
-        Points, whose bodies are found by name in every scene; empty for the point of the first contact.
-    period : float, optional
-        Time between two samples in s. The default is the common period of the loads.
-    periods : int
-        Number of samples.
-    skip : int
-        Periods before the first sample.
-    method : str
-        See `vofem.simulate`.
-    """
-
+    #: Points, whose bodies are found by name in every scene; empty for the point of the first contact.
     points: tuple[Any, ...]
-    period: float | None
-    periods: int
-    skip: int
-    method: str
+    period: float | None  #: Time between two samples in s. The default is the common period of the loads.
+    periods: int  #: Number of samples.
+    skip: int  #: Periods before the first sample.
+    method: str  #: See `vofem.simulate`.
 
     def samples(self, scene: Scene, initial: Any = None) -> tuple[Array, StoredState]:
         """Return the samples of displacements and velocities, and the state at the last sample.
 
-        Returns
-        -------
-        samples : ndarray, shape (2, n_points, periods)
-            Displacements, m, and velocities, m/s.
-        state : StoredState
+        Returns `samples` (shape (2, n_points, periods)): displacements, m, and velocities, m/s.
         """
         period = load_period("stroboscope", scene.model.system, self.period).period
         times = period * np.arange(self.skip + 1, self.skip + self.periods + 1)
@@ -77,10 +58,7 @@ def stroboscope(what: str, points: Any, period: float | None, periods: int, skip
 def first_point(scene: Scene) -> Any:
     """Return the point of the first contact of a scene.
 
-    Raises
-    ------
-    ArgumentError
-        If there is none.
+    Raises `ArgumentError` if there is none.
     """
     if not scene.contacts:
         raise ArgumentError("the scene has no contact whose point could be looked at; give points=")
@@ -90,11 +68,8 @@ def first_point(scene: Scene) -> Any:
 def order_of(samples: Array, tolerance: Array) -> int:
     """Return the number of samples after which they repeat, or 0 if they do not.
 
-    Parameters
-    ----------
-    samples : ndarray, shape (..., periods)
-    tolerance : ndarray, shape (..., 1)
-        By which samples may differ, in their unit.
+    `samples` has shape (..., periods).
+    `tolerance` (shape (..., 1)): by which samples may differ, in their unit.
     """
     periods = samples.shape[-1]
     if not np.all(np.isfinite(samples)):

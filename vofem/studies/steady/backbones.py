@@ -160,9 +160,12 @@ def backbone(
 
 def _check(scene: Scene, system: System) -> None:
     """Raise where a scene is not conservative."""
-    reason = shooting_refusal(scene)
+    reason = shooting_refusal(scene) if system.sliders is None else system.sliders.refusal("a free oscillation")
     if reason is not None:
         raise MethodError(f"backbone: {reason.split('. Use ')[0].split('; use')[0]}")
+    rigid = None if system.contacts is None else system.contacts.rigid_refusal("backbone")
+    if rigid is not None:
+        raise MethodError(rigid)
     what = ""
     if system.loads:
         what = system.loads[0].name

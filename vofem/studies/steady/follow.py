@@ -257,14 +257,16 @@ class Follower:
         laws = passed.before.problem.system.contacts
         assert laws is not None
         place = float(len(self.track.points) - 1)
+        elastic = len(laws) - len(passed.before.problem.given.sliders or ())
         for contact in passed.grazed:
-            self.track.special.append(special_at("grazing", passed.at, place, laws.names[contact]))
+            kind = "grazing" if contact < elastic else "sticking"
+            self.track.special.append(special_at(kind, passed.at, place, laws.names[contact]))
         if passed.after is None:
-            names = " and ".join(repr(laws.names[contact]) for contact in passed.grazed)
+            names = " and ".join(dict.fromkeys(repr(laws.names[contact]) for contact in passed.grazed))
             self.track.notes.append(
-                f"the {self.noun} ends at {passed.at.value:.12g}, where contacts {names} are grazed by one orbit. With "
-                "forces that jump, as those of acts_on='displacement', orbits that touch one of them or all may begin "
-                "there: follow those that you want from a value beyond, with guess="
+                f"the {self.noun} ends at {passed.at.value:.12g}, where one orbit grazes {names} several times. With "
+                "rigid stops and forces that jump, as those of acts_on='displacement', orbits that touch at one of "
+                "them or at all may begin there: follow those that you want from a value beyond, with guess="
             )
             self._over = True
             return passed.before, step

@@ -157,9 +157,8 @@ class HarmonicBalance:
         work: Work | None = None,
     ) -> None:
         self._what, self.scene, self.periods = what, scene, periods
-        self.system = system = scene.model.system
+        self.system = system = treated(what, scene.model.system)
         self.groups = nonlinear_groups(system)
-        refuse(what, system)
         if harmonics is None:
             harmonics = HARMONICS * periods if earlier is None else earlier.harmonics
         self.harmonics: int = whole(f"{what}: harmonics", harmonics)
@@ -491,10 +490,15 @@ def harmonics_in(scene: Scene, size: int) -> int | None:
     return (size // laws - 1) // 2 if laws else None
 
 
-def refuse(what: str, system: System) -> None:
-    """Raise `MethodError` for laws that harmonic balance cannot treat."""
+def treated(what: str, system: System) -> System:
+    """Return the system with sliders as springs; raise `MethodError` for laws that harmonic balance cannot treat."""
     refuse_travelling(what, system)
     for group in nonlinear_groups(system):
         reason = group.harmonic_refusal()
         if reason is not None:
             raise MethodError(f"{what}: {reason}")
+    sliders = system.sliders
+    if sliders is None:
+        return system
+    laws = tuple(sliders.as_springs() if group is sliders else group for group in system.laws)
+    return system.with_laws("sliders as springs", laws)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vofem.integrators.base import ContactSamples, Energies, SpringSamples, status_at
 from vofem.integrators.event_driven.modal_samples import ModalSamples
+from vofem.integrators.slider_history import SliderSamples
 from vofem.laws import LawGroup, LawSet
 from vofem.result import Result
 from vofem.scene import Scene
@@ -147,11 +148,47 @@ class HarmonicSolution:
     @cached_property
     def springs(self) -> SpringSamples | None:
         """Springs with internal variables and springpots at `times`; None where there are none."""
-        if not self.motion.system.recorded:
+        recorded = [group for group in self.motion.system.recorded if not group.slides]
+        if not recorded:
             return None
-        parts, past = self._along_path(self.motion.system.recorded, self.times)
+        parts, past = self._along_path(recorded, self.times)
         force, kept, gone = np.concatenate(parts, axis=1)
         return SpringSamples(force, kept, gone, past)
+
+    # -- sliders --------------------------------------------------------------------------------------
+
+    @property
+    def _sliders(self) -> LawGroup:
+        return next(group for group in self.motion.system.laws if group.slides)
+
+    def friction(self, times: Array) -> SliderSamples:
+        """Return the sliders at some times; they slide where their force has its limit."""
+        group = self._sliders
+        force, stored, dissipated = self._along_path([group], times)[0][0]
+        limits = group.limits()[:, None]
+        slip = np.where(np.abs(force) >= limits, self.sample(times).along(group.rows, "v"), 0.0)
+        return SliderSamples(force, slip, np.sign(slip).astype(np.int64), dissipated, limits + 0.0 * force, stored)
+
+    def transitions(self, slider: int) -> tuple[Array, Array]:
+        """Return the times within the period at which a slider's sliding ends, and at which its sticking ends, s."""
+        motion, group = self.motion, self._sliders
+        series, j = motion.along(group.rows)[slider], motion.laws.first_of(group) + slider
+        turns = turning_points(series)
+        ends = np.append(turns[1:], turns[:1] + 2.0 * np.pi)
+        places = (basis(ends, series.size // 2) @ series).tolist()
+        records = motion.laws.laws.fresh()
+        for place in motion.laws.passes * places:
+            records.commit(j, place)
+        stops, breaks = [], []
+        for begin, end, before, place in zip(turns, ends, places[-1:] + places, places, strict=False):
+            low, high = records.kinks(j)
+            level = high if place > before else low
+            if not low < place < high:
+                breaks.append(roots(series, np.array([begin]), np.array([end]), level)[0])
+                stops.append(end)
+            records.commit(j, place)
+        found = (np.sort(np.mod(angles, 2.0 * np.pi)) / motion.omega for angles in (stops, breaks))
+        return tuple(found)  # type: ignore[return-value]
 
     def _along_path(self, groups: Sequence[LawGroup], times: Array) -> tuple[list[Array], Array]:
         """Return force, stored energy and loss of the laws of each group, and all internal variables at the end."""

@@ -50,7 +50,7 @@ def from_rest(what: str, problem: Shooting) -> Settled:
     ConvergenceError
         If no orbit is found in either way.
     """
-    x = np.zeros(problem.size)
+    x = problem.outside(np.zeros(problem.size))
     level, change = _TRY, np.inf
     for _ in range(max(1, MOST_PERIODS // problem.periods)):
         z, v = problem.to_modes(x)

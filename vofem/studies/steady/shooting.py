@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.errors import ConvergenceError, EventStormError, MethodError
+from vofem.errors import ArgumentError, ConvergenceError, EventStormError, MethodError
 from vofem.initial import Initial, StoredState
 from vofem.integrators.event_driven.along import Course
 from vofem.integrators.event_driven.flow import Flow, Start, flow, modal_state, modes_of, share_modes
@@ -98,6 +98,7 @@ class Shooting:
         self.condensed: Condensed | None = None
         #: Relative change of the orbit by doubling the vectors, where it is known.
         self.change: float | None = None
+        sliders = full.sliders
         if condensable(full):
             before = None if earlier is None else earlier.condensed
             if vectors is None:
@@ -105,6 +106,12 @@ class Shooting:
             self.condensed = condensed(full, vectors, before)
             self.change = None if earlier is None else earlier.change
         self.system = system = full if self.condensed is None else self.condensed.system
+        #: The system as runs take it. In `system` sliders are further rows behind those of the contacts.
+        self.given = system
+        if sliders is not None:
+            from vofem.integrators.event_driven.sliders import with_sliders
+
+            self.system = system = with_sliders(full)
         shared = earlier is not None and share_modes(system, earlier.system)
         self.space = modes_of(system, self.work.runs)
         n = self.space.size
@@ -137,7 +144,7 @@ class Shooting:
     @cached_property
     def course(self) -> Course:
         """Follows motions along given segments."""
-        return Course(self.system, self.duration, self.work.runs)
+        return Course(self.system, self.duration, self.work.runs, self.given.sliders)
 
     # -- unknowns and modal states --------------------------------------------------------------------
 
@@ -198,7 +205,19 @@ class Shooting:
         period = np.array([self.loads.period])
         path = self.course.along(0.0, np.zeros(2 * n), [status], period, np.eye(2 * n), np.zeros((1, 2 * n)))
         self.work.flows += 1
-        return self.unmodal(np.linalg.lstsq(np.eye(2 * n) - path.columns, path.ends[0], rcond=1e-12)[0])
+        return self.outside(self.unmodal(np.linalg.lstsq(np.eye(2 * n) - path.columns, path.ends[0], rcond=1e-12)[0]))
+
+    def outside(self, unknowns: Array) -> Array:
+        """Return the unknowns of a guess without bodies inside rigid stops: they stand at these stops."""
+        laws = self.system.contacts
+        if laws is None or not laws.rigid.any():
+            return unknowns
+        z, v = self.to_modes(unknowns)
+        inside = np.flatnonzero(laws.rigid & (self.space.contacts @ z > laws.gap))
+        if not inside.size:
+            return unknowns
+        rows = self.space.contacts[inside]
+        return self.to_unknowns(z - np.linalg.pinv(rows) @ (rows @ z - laws.gap[inside]), v)
 
     def from_orbit(self, orbit: Any) -> Array:
         """Return the unknowns of an orbit, of the last period of a `Result`, or of anything a run can start from."""
@@ -221,8 +240,9 @@ class Shooting:
         if not (np.all(np.isfinite(start.displacement)) and np.all(np.isfinite(start.velocity))):
             raise ConvergenceError("the iteration diverged: a state is not finite")
         try:
-            return flow(self.system, start, stop, derivative=derivative, counters=self.work.runs)
-        except EventStormError as error:
+            return flow(self.given, start, stop, derivative=derivative, counters=self.work.runs)
+        except (EventStormError, ArgumentError) as error:
+            # A state inside a rigid stop is refused as one of a scene is.
             raise ConvergenceError(str(error)) from error
 
     def orbit(self, unknowns: Array, evaluation: Any) -> PeriodicOrbit:
@@ -275,12 +295,17 @@ def shooting_refusal(scene: Scene) -> str | None:
     system = scene.model.system
     reason = refusal(system)
     sliders = system.sliders
-    if reason is None and sliders is not None:
-        return sliders.refusal("a search of periodic orbits")
-    if reason is None and system.contacts is not None:
-        reason = system.contacts.rigid_refusal("a search of periodic orbits")
+    if sliders is not None:
+        reason = sliders.orbit_refusal() or reason
         if reason is not None:
             return reason
+        if system.contacts is not None and system.contacts.rigid.any():
+            stop = system.contacts.labels[int(np.argmax(system.contacts.rigid))]
+            return (
+                f"{sliders.labels[0]} acts beside {stop}, whose impacts move sliders that stick; a search of periodic "
+                "orbits does not treat both. Simulate the scene until it has settled, or use a Contact with a large "
+                "stiffness and a damper"
+            )
     if reason is not None:
         why = reason.split(". Use ")[0].rstrip(".")
         return f"{why}; shooting needs what event_driven needs. Use method='harmonic_balance'"

@@ -6,6 +6,9 @@ and that every contact switches at its gap. If a contact has switched before, it
 coordinate since then, divided by the length in between. In this form a touch may have the length zero, and the orbit
 just grazes the contact. All equations are analytic in the unknowns and in the parameter, through such a grazing too.
 
+An impact on a rigid stop is a switch that leaves the contact open; the state passes a linear map there. A slider
+switches where its speed is zero, or where its reaction reaches the limit at which it breaks away.
+
 H. Dankowicz, F. Schilder, Recipes for Continuation, SIAM 2013, doi:10.1137/1.9781611972573 (segments as unknowns).
 """
 
@@ -23,6 +26,7 @@ from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.along import Path
 from vofem.integrators.event_driven.flow import Flow, Start
 from vofem.integrators.event_driven.regime import Motion
+from vofem.integrators.event_driven.sliders import UP
 from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
 from vofem.studies.steady.shooting import Shooting, relative
@@ -67,7 +71,7 @@ _SINGULAR = 1e3
 
 
 class Switch(NamedTuple):
-    """A contact and the status that it takes."""
+    """A contact and the status that it takes, that which it has at an impact on a rigid stop."""
 
     contact: int
     status: int
@@ -153,7 +157,7 @@ class SignatureEvaluation:
         """
         found: list[Extreme] = []
         for k, duration in enumerate(self.path.durations.tolist() if self.problem.system.contacts is not None else ()):
-            contacts = np.flatnonzero(self.chart.statuses[k] != PINNED).tolist()
+            contacts = np.flatnonzero(self.chart.statuses[k] < PINNED).tolist()
             if duration > 0.0 and contacts:
                 count = _count(duration, self.problem.duration, _SEARCHED)
                 found += self.extremes_in(k, contacts, (0.0, duration), count)
@@ -230,6 +234,8 @@ class SignatureEvaluation:
             raise ConvergenceError("the derivative of an orbit is not finite")
         if self.chart.smooth(self.problem) or not switches.size:
             return np.asarray(matrix)
+        if min(self.chart.approaches(self.problem, self).values(), default=np.inf) * _SINGULAR <= self.sizes[1]:
+            return None
         scaled = switches[:, n:] / np.linalg.norm(switches[:, n:], axis=1)[:, None]
         if np.linalg.cond(scaled) >= _SINGULAR:
             return None
@@ -315,10 +321,19 @@ class Signature:
         """For every switch the one before of the same contact, if there is one after the anchor."""
         found: list[int | None] = []
         latest: dict[int, int] = {}
-        for k, (contact, _) in enumerate(self.switches):
-            found.append(latest.get(contact))
-            latest[contact] = k
+        for k, (contact, status) in enumerate(self.switches):
+            found.append(latest.pop(contact, None))
+            if status == self.statuses[k][contact] or max(status, self.statuses[k][contact]) > PINNED:
+                # The coordinate between two impacts is no short touch, and that of a slider is free.
+                found[-1] = None
+            else:
+                latest[contact] = k
         return found
+
+    @cached_property
+    def struck(self) -> list[int]:
+        """For every switch the rigid stop that is hit, or -1."""
+        return [j if now[j] == status else -1 for now, (j, status) in zip(self.statuses, self.switches, strict=False)]
 
     def lengths(self, y: Array) -> Array:
         """Return the lengths of all segments in rad, shape (n_switches + 1,)."""
@@ -367,7 +382,7 @@ class Signature:
         problem.work.flows += derivative
         path = problem.course.along(
             self.anchor / omega, problem.modal(y[:n]), self.statuses, lengths / omega, columns, lengthen, nodes,
-            every=columns is not None and (nodes is not None or self._releases),
+            struck=self.struck, every=columns is not None and (nodes is not None or self._releases),
         )  # fmt: skip
         closing = problem.unmodal(path.ends[-1]) - y[:n]
         residual, jacobian = np.empty(n + k), np.empty((n + k, n + k) if derivative else (0, 0))
@@ -408,7 +423,8 @@ class Signature:
         if laws is None:
             return True
         used = sorted({contact for contact, _ in self.switches})
-        return not np.any((laws.jump & (laws.gap > 0.0))[used] | (laws.damping[used] > 0.0))
+        slide = any(status > PINNED for _, status in self.switches)
+        return not (slide or np.any((laws.jump & (laws.gap > 0.0) | laws.rigid)[used] | (laws.damping[used] > 0.0)))
 
     def _switching(self, problem: Shooting, path: Path) -> tuple[Array, Array, Array]:
         """Return the equations of k switches: values (k,), derivatives (k, columns), and sizes to compare with (k,)."""
@@ -433,14 +449,19 @@ class Signature:
             if partner < index - 1:
                 values[index], derived[index] = _mean(path, int(contacts[index]), partner, index)
         for index, (contact, status) in enumerate(self.switches):
-            if self.statuses[index][contact] == PINNED:
+            before = self.statuses[index][contact]
+            if before == PINNED:
                 values[index], derived[index], sizes[index] = self._released(problem, path, index, contact, status)
+            elif before > PINNED:
+                # A slider comes to rest.
+                values[index], sizes[index] = rows[contact] @ path.ends[index, n:], norms[index] * path.sizes[1]
+                derived[index] = rows[contact] @ path.all_columns[index, n:] if path.all_columns.size else 0.0
         return values, derived, np.maximum(sizes, 1e-300)
 
     @cached_property
     def _releases(self) -> bool:
-        """Whether any switch releases a pinned contact."""
-        return any(self.statuses[k][contact] == PINNED for k, (contact, _) in enumerate(self.switches))
+        """Whether any switch releases a pinned contact, or is one of a slider."""
+        return any(self.statuses[k][contact] >= PINNED for k, (contact, _) in enumerate(self.switches))
 
     @cached_property
     def _contacts(self) -> NDArray[np.int64]:
@@ -458,15 +479,35 @@ class Signature:
         assert laws is not None
         held = int(np.sum(path.statuses[index][:contact] == PINNED))
         motion, duration = path.motion(index), float(path.durations[index])
-        force, full = motion.regime.reactions, float(laws.stiffness[contact] * laws.gap[contact])
+        base, full = motion.regime.base, float(laws.stiffness[contact] * laws.gap[contact])
+        force = base.quantities.reactions
         assert force is not None
         value = float(motion.reactions(np.array([duration]))[held, 0]) - (full if status == CLOSED else 0.0)
-        columns = path.all_columns[index] if path.all_columns.size else np.empty((2 * n, 0))
+        columns = path.all_columns[index] if path.all_columns.size else np.empty((2 * n, path.shifts.shape[1]))
         rates = problem.course.loads.at(np.array([float(path.times[index]) + duration]))[0, 1]
-        real = motion.spectrum.real
-        derived = force.displacement[held] @ real.down(columns[:n]) + force.velocity[held] @ real.down(columns[n:])
+        real, moved, kept = motion.spectrum.real, columns[:n], problem.course.stuck(path.statuses[index])
+        if kept is not None:
+            value += float(kept.reaction[held] @ path.ends[index, :n])
+            moved = moved - kept.carry @ moved
+        derived = force.displacement[held] @ real.down(moved) + force.velocity[held] @ real.down(columns[n:])
+        if kept is not None:
+            derived = derived + kept.reaction[held] @ columns[:n]
+        if status > PINNED:
+            # A slider breaks away.
+            sliders = problem.course.sliders
+            assert sliders is not None
+            full = float(sliders.static[contact - sliders.first])
+            value -= full if status == UP else -full
+        elif laws.rigid[contact]:
+            full = float(np.abs(force.displacement[held]) @ np.abs(real.down(path.ends[index, :n])))
+            full += float(np.abs(force.loads[held]) @ np.abs(rates)) / problem.loads.omega
         # The columns move with the end of the segment, the load's phase does too.
-        return value, derived + float(force.loads[held] @ rates) * path.shifts[index], full
+        return (
+            value,
+            derived
+            + float(force.share[held] @ (base.forces[0][:, motion.regime.function + 1] @ rates)) * path.shifts[index],
+            full,
+        )
 
     # -- coordinates ----------------------------------------------------------------------------------
 
@@ -514,9 +555,20 @@ class Signature:
         for contact in range(len(self.start)):
             mine = [(p, s.status) for p, s in zip(phases, self.switches, strict=True) if s.contact == contact]
             seen = [(e.time * omega, e.after) for e in flow.events if e.contact == contact]
-            if [status for _, status in _without_short(mine)] != [status for _, status in _without_short(seen)]:
+            hit = contact in self.struck or any(e.contact == contact and e.before == e.after for e in flow.events)
+            if self.start[contact] > PINNED or any(status > PINNED for _, status in mine):
+                mine, seen = (_without_short_sticks(self.start[contact], one) for one in (mine, seen))
+            elif not hit:
+                mine, seen = _without_short(mine), _without_short(seen)
+            if [status for _, status in mine] != [status for _, status in seen]:
                 return False
         return True
+
+    def approaches(self, problem: Shooting, evaluation: SignatureEvaluation) -> dict[int, float]:
+        """Return the speeds of approach of all impacts on rigid stops, m/s, by the numbers of their switches."""
+        rows, n = problem.space.contacts, problem.size // 2
+        speeds = evaluation.path.ends[:, n:]
+        return {k: float(rows[j] @ speeds[k]) for k, j in enumerate(self.struck) if j >= 0}
 
     def first_touch(self, evaluation: SignatureEvaluation, flow: Flow) -> Extreme | None:
         """Return the extreme at the first touch of a flow that is none of the signature's, found however short."""
@@ -545,6 +597,36 @@ class Signature:
             return max(found, key=lambda e: e.height, default=None)
         return None
 
+    def margins(self, problem: Shooting, evaluation: SignatureEvaluation) -> dict[int, float]:
+        """Return by how much reactions of sliders would exceed their limits where they turn without sticking.
+
+        They are shares of the limits, by the numbers of the switches.
+        """
+        sliders, found, path = problem.course.sliders, {}, evaluation.path
+        if sliders is None:
+            return {}
+        for k, (contact, status) in enumerate(self.switches):
+            if status > PINNED and self.statuses[k][contact] > PINNED:
+                stuck = self.statuses[k].copy()
+                stuck[contact] = PINNED
+                time, limit = float(path.times[k] + path.durations[k]), sliders.static[contact - sliders.first]
+                pull = problem.course.reaction(stuck, time, path.ends[k], contact)
+                found[k] = (pull if status == UP else -pull) / limit - 1.0
+        return found
+
+    @cached_property
+    def sticks(self) -> list[tuple[int, int]]:
+        """Pairs of switches between which a slider sticks, but for one that sticks at the anchor."""
+        found = []
+        began: dict[int, int] = {}
+        for k, (contact, status) in enumerate(self.switches):
+            before = self.statuses[k][contact]
+            if before > PINNED and status == PINNED:
+                began[contact] = k
+            elif before == PINNED and status > PINNED and contact in began:
+                found.append((began[contact], k))
+        return found
+
     # -- other signatures -----------------------------------------------------------------------------
 
     def with_touch(self, y: Array, contacts: tuple[int, ...], phase: float) -> tuple[Signature, Array, int]:
@@ -561,6 +643,17 @@ class Signature:
         nothing = np.zeros(2 * len(contacts) - 1)
         more = np.concatenate([lengths[:k], [before], nothing, [lengths[k] - before], lengths[k + 1 :]])
         return self._like(switches), np.concatenate([y[:n], more[:-1]]), n + k + len(contacts)
+
+    def merged(self, y: Array, k: int) -> tuple[Signature, Array]:
+        """Return the signature in which switches k and k + 1 of one contact, at one time, are one, and coordinates."""
+        n = y.size - len(self.switches)
+        return self._like((*self.switches[:k], *self.switches[k + 1 :])), np.delete(y, n + k + 1)
+
+    def split(self, y: Array, k: int, between: int) -> tuple[Signature, Array, int]:
+        """Return the signature in which a contact takes a status for no time at switch k, coordinates and its place."""
+        n = y.size - len(self.switches)
+        switches = (*self.switches[:k], Switch(self.switches[k].contact, between), *self.switches[k:])
+        return self._like(switches), np.insert(y, n + k + 1, 0.0), n + k + 1
 
     def without(self, y: Array, gone: Sequence[int]) -> tuple[Signature, Array]:
         """Return the signature without some switches, given by their numbers, and its coordinates."""
@@ -637,8 +730,9 @@ class Signature:
         moves[first, 0] = -moves[:first, 0].sum()
         column = problem.modal(tangent[:n, None])
         path = problem.course.along(
-            self.anchor / omega, problem.modal(y[:n]), self.statuses[: first + 1], cut / omega, column, moves
-        )
+            self.anchor / omega, problem.modal(y[:n]), self.statuses[: first + 1], cut / omega, column, moves,
+            struck=self.struck[:first],
+        )  # fmt: skip
         state, moved = problem.unmodal(path.ends[-1]), problem.unmodal(path.columns[:, 0])
         switches = (*self.switches[first:], *self.switches[:first])
         anchor = self.anchor + float(cut.sum())
@@ -672,6 +766,16 @@ def _without_short(switches: list[tuple[float, int]]) -> list[tuple[float, int]]
         if left and phase - left[-1][0] < _SHORT:
             left.pop()
         else:
+            left.append((phase, status))
+    return left
+
+
+def _without_short_sticks(start: int, switches: list[tuple[float, int]]) -> list[tuple[float, int]]:
+    """Return phases and statuses of the switches of a slider without those to statuses that are lost in rounding."""
+    left: list[tuple[float, int]] = []
+    for k, (phase, status) in enumerate(switches):
+        lasts = k + 1 == len(switches) or switches[k + 1][0] - phase >= _SHORT
+        if lasts and status != (left[-1][1] if left else start):
             left.append((phase, status))
     return left
 

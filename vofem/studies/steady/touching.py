@@ -26,6 +26,9 @@ _EXACT = 1e-16
 #: at length zero.
 BEYOND, _SEVERAL = 1e-8, 1e-6
 
+#: Speed of approach of an impact that has just begun, over that of the motion.
+_SLOW = 1e-6
+
 #: Length in rad below which a touch may be about to end.
 _NEARLY = 5e-3
 
@@ -82,14 +85,18 @@ class Passage:
 class _Change:
     """A change between two neighbours: its share of the step, and what changes.
 
-    Either an extreme that touches its contact, pairs of switches that vanish, or the place of a length that vanishes
-    between switches of two contacts.
+    Either an extreme that touches its contact, pairs of switches that vanish, the place of a length that vanishes
+    between switches of two contacts, an impact on a rigid stop whose speed vanishes, a slider that turns and begins to
+    stick there, or the switches between which one sticks for no time.
     """
 
     share: float
     extreme: Extreme | None = None
     pairs: tuple[tuple[int, int], ...] = ()
     place: int = -1
+    impact: int = -1
+    turn: int = -1
+    stick: tuple[int, int] = (-1, -1)
 
 
 def passage(family: Family, interval: Interval, now: Point, after: Point) -> Passage | None:
@@ -263,6 +270,37 @@ def _vanishing(now: Point, after: Point, without: Sequence[int] = ()) -> list[_C
             continue
         here, there = float(first[k]), float(last[k])
         found.append(_Change(here / (here - there) if here > there else 0.0, place=n + k))
+    return [*found, *_slowing(now, after, without), *_sticking(now, after, without)]
+
+
+def _slowing(now: Point, after: Point, without: Sequence[int]) -> list[_Change]:
+    """Return impacts on rigid stops whose speed of approach passes zero."""
+    chart: Signature = now.chart
+    speeds = chart.approaches(after.problem, after.evaluation)
+    if not speeds:
+        return []
+    first, rounding = chart.approaches(now.problem, now.evaluation), ROUNDING * after.evaluation.sizes[1]
+    return [
+        _Change(max(first[k], 0.0) / (max(first[k], 0.0) - speed), impact=k)
+        for k, speed in speeds.items()
+        if speed < -rounding and chart.switches[k].contact not in without
+    ]
+
+
+def _sticking(now: Point, after: Point, without: Sequence[int]) -> list[_Change]:
+    """Return where sliders that turn begin to stick, and where they cease to."""
+    chart: Signature = now.chart
+    first, last = (chart.margins(p.problem, p.evaluation) for p in (now, after))
+    found = [
+        _Change(max(first[k], 0.0) / (max(first[k], 0.0) - margin), turn=k)
+        for k, margin in last.items()
+        if margin < -ROUNDING and chart.switches[k].contact not in without
+    ]
+    lengths = chart.lengths(now.y[:-1]), chart.lengths(after.y[:-1])
+    for p, k in chart.sticks:
+        here, there = (float(one[p + 1 : k + 1].sum()) for one in lengths)
+        if there <= 0.0 and chart.switches[k].contact not in without:
+            found.append(_Change(here / (here - there) if here > there else 0.0, stick=(p, k)))
     return found
 
 
@@ -295,12 +333,24 @@ def _located(family: Family, interval: Interval, now: Point, after: Point, chang
         return _begins(family, interval, now, after, guess, change.extreme)
     if change.pairs:
         return _ends(family, interval, now, after, guess, change.pairs)
+    if change.turn >= 0:
+        return _stick_begins(family, interval, now, after, guess, change.turn)
+    if change.stick[0] >= 0:
+        return _stick_ends(family, interval, now, after, guess, change.stick)
+    if change.impact >= 0:
+        return _impact_ends(family, interval, now, after, guess, change.impact)
     chart: Signature = now.chart
     at = _with_length(family, interval, chart, guess, change.place, 0.0)
     _between(now, after, at.y)
     other, y = chart.swapped(at.y[:-1], change.place)
     towards = np.zeros(at.y.size)
     towards[change.place] = 1.0
+    k = change.place - at.problem.size
+    if max(chart.struck[k - 1 : k + 1]) >= 0 and _coupled(at.problem, chart, k):
+        raise ConvergenceError(
+            "two impacts happen at the same time, of bodies that move each other; beyond, their order is another one, "
+            "and so is the motion"
+        )
     beyond = _point(family, interval, other, np.append(y, at.value), towards)
     return Passage(_along(now, at), at, beyond, ())
 
@@ -317,13 +367,134 @@ def _begins(family: Family, interval: Interval, now: Point, after: Point, guess:
     known = [(extreme.contact, phase), *zip((s.contact for s in old.switches), old.phases(state.y[:-1]), strict=True)]
     others = _grazing(state, known)
     grazed = tuple(sorted((extreme.contact, *(e.contact for e in others))))
-    if not others:
+    if not others and not _rigid(at.problem, grazed):
         beyond = _lengthened(family, interval, at, [(place, 1)], BEYOND)
         return Passage(state, state, _not_turned(beyond, state), grazed)
+    every = [extreme._replace(phase=phase), *others]
+    if _rigid(at.problem, grazed):
+        return Passage(state, state, _hitting(family, interval, state, every), grazed)
     if _jump(at.problem, grazed):
         return Passage(state, state, None, grazed)
-    every = [extreme._replace(phase=phase), *others]
     return Passage(state, state, _touched(family, interval, state, every), grazed)
+
+
+def _hitting(family: Family, interval: Interval, at: Point, extremes: Sequence[Extreme]) -> Point | None:
+    """Return the orbit with impacts of no speed at extremes that graze rigid stops; None where branches may fork.
+
+    The impacts become faster along the direction of the branch.
+    """
+    if not all(_rigid(at.problem, [e.contact]) for e in extremes):
+        return None
+    chart, y = at.chart, at.y[:-1]
+    for e in extremes:
+        chart, y, place = chart.with_touch(y, (e.contact,), e.phase)
+        chart, y = chart.merged(y, place - at.problem.size - 1)
+    phases = chart.phases(y)
+    new = [
+        k
+        for k, j in enumerate(chart.struck)
+        if any(j == e.contact and _alike(chart, float(phases[k]), e.phase) for e in extremes)
+    ]
+    return _faster(family, interval, chart, np.append(y, at.value), new)
+
+
+def _impact_ends(family: Family, interval: Interval, now: Point, after: Point, guess: Array, number: int) -> Passage:
+    """Return the orbit that grazes a rigid stop, where the speed of an impact vanishes, and the same without it."""
+    old: Signature = now.chart
+    chart, y, place = old.split(guess[:-1], number, CLOSED)
+    at = _with_length(family, interval, chart, np.append(y, guess[-1]), place, 0.0)
+    old, y = chart.merged(at.y[:-1], number)
+    y = np.append(y, at.value)
+    _between(now, after, y)
+    here = old.evaluate(at.problem, y[:-1], derivative=False)
+    speeds, rounding = old.approaches(at.problem, here), _TOGETHER * here.sizes[1]
+    ended = [number, *(k for k, speed in speeds.items() if k != number and abs(speed) <= rounding)]
+    before = _faster(family, interval, old, y, ended)
+    if before is None:
+        raise ConvergenceError("an impact becomes slower as another one becomes faster")
+    before, y = replace(before, tangent=-before.tangent), y[:-1]
+    known = [(old.switches[k].contact, float(old.phases(y)[k])) for k in ended]
+    out, y = old.without(y, ended)
+    y = np.append(y, at.value)
+    outside = _point(family, interval, out, y, np.append(np.zeros(y.size - 1), 1.0))
+    if _rise(family, outside, *known[0]) > 0.0:
+        outside = replace(outside, tangent=-outside.tangent)
+    others = _grazing(outside, known)
+    grazed = tuple(sorted([*(contact for contact, _ in known), *(e.contact for e in others)]))
+    return Passage(before, outside, None if others else outside, grazed)
+
+
+def _stick_begins(family: Family, interval: Interval, now: Point, after: Point, guess: Array, number: int) -> Passage:
+    """Return the orbit in which a slider that turns is at the limit of sticking, and the first one that sticks."""
+    old: Signature = now.chart
+    chart, y, place = old.split(guess[:-1], number, PINNED)
+    at = _with_length(family, interval, chart, np.append(y, guess[-1]), place, 0.0)
+    old, y = chart.merged(at.y[:-1], number)
+    before = _along(now, _point(family, interval, old, np.append(y, at.value), now.tangent))
+    _between(now, after, before.y)
+    margins = old.margins(before.problem, before.evaluation)
+    others = [k for k, margin in margins.items() if k != number and abs(margin) <= _TOGETHER]
+    chart, y = old, before.y[:-1]
+    for k in sorted([number, *others], reverse=True):
+        chart, y, place = chart.split(y, k, PINNED)
+    at = replace(at, chart=chart, y=np.append(y, at.value))
+    # Each stick before the first one adds a switch, and splitting them in descending order leaves `place` at the first.
+    beyond = _lengthened(family, interval, at, [(place, 1)], BEYOND)
+    return Passage(before, before, beyond, tuple(sorted(old.switches[k].contact for k in (number, *others))))
+
+
+def _stick_ends(
+    family: Family, interval: Interval, now: Point, after: Point, guess: Array, stick: tuple[int, int]
+) -> Passage:
+    """Return the orbit in which a slider sticks for no time, and the same one in which it turns at once."""
+    old: Signature = now.chart
+    p, k = stick
+    if k != p + 1:
+        raise ConvergenceError("a slider ceases to stick while contacts switch")
+    n = now.problem.size
+    at = _with_length(family, interval, old, guess, n + k, 0.0)
+    before = _along(now, _with_length(family, interval, old, at.y, n + k, BEYOND))
+    _between(now, after, before.y)
+    lengths = old.lengths(at.y[:-1])
+    ended = [(i, j) for i, j in old.sticks if j == i + 1 and lengths[j] <= _TOGETHER * old.turn]
+    chart, y = old, at.y[:-1]
+    for i, j in sorted(ended, reverse=True):
+        if old.statuses[i][old.switches[i].contact] == old.switches[j].status:
+            chart, y = chart.without(y, [i, j])
+        else:
+            chart, y = chart.merged(y, i)
+    y = np.append(y, at.value)
+    outside = _point(family, interval, chart, y, np.append(np.zeros(y.size - 1), 1.0))
+    turning = [k for k, margin in chart.margins(outside.problem, outside.evaluation).items() if abs(margin) <= _NEARLY]
+    if len(turning) < len(ended):
+        raise ConvergenceError("a slider ceases to stick where it goes on in the same direction")
+    if _speeding(family, outside, turning, "margins").min() < 0.0:
+        outside = replace(outside, tangent=-outside.tangent)
+    return Passage(before, outside, outside, tuple(sorted(old.switches[i].contact for i, _ in ended)))
+
+
+def _faster(family: Family, interval: Interval, chart: Signature, y: Array, numbers: Sequence[int]) -> Point | None:
+    """Return the next orbit on the side on which some impacts of no speed become faster; None if not all of them do."""
+    point = _point(family, interval, chart, y, np.append(np.zeros(y.size - 1), 1.0))
+    rises = _speeding(family, point, numbers, "approaches")
+    if rises.max() < 0.0:
+        point, rises = replace(point, tangent=-point.tangent), -rises
+    if not rises.min() > 0.0:
+        return None
+    guess = y + _SLOW * point.evaluation.sizes[1] / float(rises.min()) * point.tangent * point.scales
+    y, _, _ = corrected(family, chart, guess, point.scales, point.tangent, point.by_value)
+    return _point(family, interval, chart, y, point.tangent)
+
+
+def _speeding(family: Family, point: Point, numbers: Sequence[int], what: str) -> Array:
+    """Return the derivatives of `approaches` or `margins` of some switches along a branch, in scaled coordinates."""
+    values = []
+    for sign in (1.0, -1.0):
+        y = point.y + sign * _DIFFERENCE * point.tangent * point.scales
+        problem = family.of(y)
+        speeds = getattr(point.chart, what)(problem, point.chart.evaluate(problem, y[:-1], derivative=False))
+        values.append([speeds[k] for k in numbers])
+    return (np.array(values[0]) - np.array(values[1])) / (2.0 * _DIFFERENCE)
 
 
 def _touched(family: Family, interval: Interval, at: Point, extremes: Sequence[Extreme]) -> Point:
@@ -408,6 +579,10 @@ def what_contacts_do(point: Point) -> list[str]:
     lengths = chart.lengths(point.y[:-1])
     found = []
     for contact, name in enumerate(laws.names):
+        if contact >= len(laws) - len(point.problem.given.sliders or ()):
+            if all(status[contact] == PINNED for status in chart.statuses):
+                found.append(f"friction {name!r} sticks all along, so that its body may rest in many places")
+            continue
         if any(status[contact] == PINNED for status in chart.statuses):
             found.append(f"contact {name!r} rests at its gap for a part of the orbit")
         mine = [(p, k) for p, k in chart.touches if chart.switches[p].contact == contact]
@@ -419,6 +594,9 @@ def what_contacts_do(point: Point) -> list[str]:
                 )
         if _jump(point.problem, [contact]) and len(mine) > _SEQUENCE:
             found.append(f"its force jumps, so that it may chatter: touches of {name!r} may become infinitely many")
+        hits = chart.struck.count(contact)
+        if hits > _SEQUENCE:
+            found.append(f"{name!r} is hit {hits} times an orbit: impacts may become infinitely many")
         near = [-e.height for e in point.evaluation.extremes if e.contact == contact and e.height > -_CLOSE]
         if near:
             found.append(f"contact {name!r} comes within {max(min(near), 0.0):.2g} of the motion to its gap")
@@ -466,6 +644,17 @@ def _jump(problem: Any, contacts: Sequence[int]) -> bool:
     """Return whether the force of one of some contacts jumps."""
     laws = problem.system.contacts
     return bool(np.any(laws.jump[list(contacts)] & (laws.gap[list(contacts)] > 0.0)))
+
+
+def _rigid(problem: Any, contacts: Sequence[int]) -> bool:
+    """Return whether one of some contacts is a rigid stop."""
+    return bool(np.any(problem.system.contacts.rigid[list(contacts)]))
+
+
+def _coupled(problem: Any, chart: Signature, k: int) -> bool:
+    """Return whether what happens at switch k and at the one before acts on the coordinate of the other."""
+    one, other = (problem.space.contacts[chart.switches[j].contact] for j in (k - 1, k))
+    return abs(one @ other) > ROUNDING * float(np.linalg.norm(one) * np.linalg.norm(other))
 
 
 def _between(now: Point, after: Point, y: Array) -> None:

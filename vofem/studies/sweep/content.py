@@ -39,16 +39,8 @@ def node_of(value: Any, other: Callable[[Any], Any] = _as_base) -> Any:
     Plain data are None, booleans, numbers, texts, bytes, arrays of these, and lists, tuples, sets and mappings of
     plain data.
 
-    Parameters
-    ----------
-    value : object
-    other : callable
-        Returns the node of an object of any other class.
-
-    Raises
-    ------
-    NoContentError
-        For anything else, unless `other` is given.
+    `other`: returns the node of an object of any other class.
+    Raises `NoContentError` for anything else, unless `other` is given.
     """
     kind = type(value)
     if isinstance(value, np.generic) and type(value.item()) is not kind:

@@ -31,13 +31,8 @@ def identity(function: Callable[..., Any], compiled: bool = True) -> tuple[dict[
     of data, scenes and other objects, by the names that the function uses, in closures, defaults and decorators. Of
     installed packages it covers the names, and of vofem the version.
 
-    Returns
-    -------
-    dict
-        ``name``, ``source`` (64 hexadecimal digits), ``vofem`` (its version) and ``kernels`` (how they
-        run).
-    tuple of str
-        Names whose content is not known, with their types.
+    Returns ``name``, ``source`` (64 hexadecimal digits), ``vofem`` (its version) and ``kernels`` (how they run).
+    Returns names whose content is not known, with their types.
     """
     reached = _Reached()
     node = reached.node(function)

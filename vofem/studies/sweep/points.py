@@ -15,23 +15,12 @@ from vofem.studies.sweep.content import NoContentError, digest, node_of
 
 @dataclass(frozen=True)
 class Points:
-    """The points of a sweep in order.
+    """The points of a sweep in order."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Names of the parameters.
-    rows : tuple of dict
-        A dict for each point, with a value for every name.
-    keys : tuple of str
-        A text for each point that identifies its values; equal points have equal keys.
-    axes : dict of str to list, optional
-        The values along each dimension of a grid, whose last name changes fastest. None for a table.
-    """
-
-    names: tuple[str, ...]
-    rows: tuple[dict[str, Any], ...]
-    keys: tuple[str, ...]
+    names: tuple[str, ...]  #: Names of the parameters.
+    rows: tuple[dict[str, Any], ...]  #: A dict for each point, with a value for every name.
+    keys: tuple[str, ...]  #: A text for each point that identifies its values; equal points have equal keys.
+    #: The values along each dimension of a grid, whose last name changes fastest. None for a table.
     axes: dict[str, list[Any]] | None
 
     @property
@@ -43,16 +32,9 @@ class Points:
 def as_points(points: Any) -> Points:
     """Return the points of a sweep.
 
-    Parameters
-    ----------
-    points : mapping, table or iterable
-        A mapping of names to lists: the grid of all combinations. A pandas
-        DataFrame, a structured array, or an iterable of mappings: one point a row.
-
-    Raises
-    ------
-    ArgumentError
-        If there are no points, their names differ, or a value is no plain data.
+    `points`: a mapping of names to lists: the grid of all combinations. A pandas DataFrame, a structured array, or an
+    iterable of mappings: one point a row.
+    Raises `ArgumentError` if there are no points, their names differ, or a value is no plain data.
     """
     if isinstance(points, Mapping):
         axes = {_name(name): _values(name, values) for name, values in points.items()}

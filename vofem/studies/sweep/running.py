@@ -51,18 +51,9 @@ class Serial(Executor):
 class Workers:
     """An executor and the number of its workers. Processes that the sweep has started itself can be replaced.
 
-    Parameters
-    ----------
-    executor : concurrent.futures.Executor, optional
-        None for processes of the sweep's own (method "spawn").
-    count : int
-
-    Attributes
-    ----------
-    own : bool
-        Whether the processes are the sweep's own.
-    room : int
-        How many batches are handed over at the same time.
+    `executor`: None for processes of the sweep's own (method "spawn").
+    `own`: whether the processes are the sweep's own.
+    `room`: how many batches are handed over at the same time.
     """
 
     def __init__(self, executor: Executor | None, count: int) -> None:
@@ -99,10 +90,7 @@ class Workers:
 def workers_for(executor: Any, function: Callable[..., Any], count: int | None) -> Workers:
     """Return the workers for the argument `executor` of a sweep.
 
-    Raises
-    ------
-    ArgumentError
-        If it is nothing that computes, or if the function cannot be sent to other processes.
+    Raises `ArgumentError` if it is nothing that computes, or if the function cannot be sent to other processes.
     """
     if count is not None and (isinstance(count, bool) or not isinstance(count, int) or count < 1):
         raise ArgumentError(f"sweep: workers is {count!r}, expected a positive integer")
@@ -136,22 +124,10 @@ class _Batch:
 class Loop:
     """Computes points with an executor.
 
-    Parameters
-    ----------
-    workers : Workers
-    task : Task
-    points : sequence of dict
-    keep : callable
-        Called with positions and rows as batches come back.
-    check : callable
-        Called a few times a second.
-
-    Attributes
-    ----------
-    restarts : int
-        How often workers had to be started anew.
-    batches : int
-        Batches that were handed over.
+    `keep`: called with positions and rows as batches come back.
+    `check`: called a few times a second.
+    `restarts`: how often workers had to be started anew.
+    `batches`: batches that were handed over.
     """
 
     def __init__(
@@ -175,10 +151,7 @@ class Loop:
     def run(self) -> None:
         """Compute all points.
 
-        Raises
-        ------
-        ExecutorError
-            If the executor breaks and cannot be started anew.
+        Raises `ExecutorError` if the executor breaks and cannot be started anew.
         """
         while self._waiting or self._alone or self._flying:
             lost = self._hand_over()

@@ -47,26 +47,12 @@ Entry = tuple[str, dict[str, Any], Row]
 class SweepFile:
     """A store of rows; only one process opens it at a time.
 
-    Parameters
-    ----------
-    path : path
-        A new file or a store. Its name ends in .h5, .hdf5 or .nc.
-    identity : dict
-        Identity of the function. A file with rows of another function is renamed and not used.
-
-    Attributes
-    ----------
-    notes : list of str
-        What was found when the file was opened.
-
-    Raises
-    ------
-    ArgumentError
-        For another suffix.
-    OutputError
-        If the file cannot be written, or another process has it open.
-    StorageError
-        If the file is no store, damaged, or of a newer vofem. It stays as it is.
+    `path`: a new file or a store. Its name ends in .h5, .hdf5 or .nc.
+    `identity`: identity of the function. A file with rows of another function is renamed and not used.
+    `notes`: what was found when the file was opened.
+    Raises `ArgumentError` for another suffix.
+    Raises `OutputError` if the file cannot be written, or another process has it open.
+    Raises `StorageError` if the file is no store, damaged, or of a newer vofem. It stays as it is.
     """
 
     def __init__(self, path: Any, identity: dict[str, str]) -> None:
@@ -125,10 +111,7 @@ class SweepFile:
     def add(self, rows: Sequence[Entry]) -> None:
         """Store rows, so that they are still there if the process ends at once.
 
-        Raises
-        ------
-        OutputError
-            If they cannot be written. What was there stays.
+        Raises `OutputError` if they cannot be written. What was there stays.
         """
         self._recent.add(rows)
         self._entries.update((entry[0], entry) for entry in rows)
@@ -137,10 +120,7 @@ class SweepFile:
     def finish(self, keys: Sequence[str]) -> None:
         """Write the table whole, rows of these keys first and in their order.
 
-        Raises
-        ------
-        OutputError
-            If it cannot be written; the rows stay stored as they were added.
+        Raises `OutputError` if it cannot be written; the rows stay stored as they were added.
         """
         ordered = {key: self._entries[key] for key in keys if key in self._entries}
         changed = self._changed or list(ordered) != list(self._entries)[: len(ordered)]
@@ -167,10 +147,7 @@ class SweepFile:
 class _Recent:
     """Rows that are not in the table of a store yet, in a database of SQLite; a batch is one transaction.
 
-    Parameters
-    ----------
-    store : Path
-        The database has the name of the store and ".sqlite" behind it.
+    `store`: the database has the name of the store and ".sqlite" behind it.
     """
 
     def __init__(self, store: Path) -> None:
@@ -348,10 +325,7 @@ def holds(file: h5py.File) -> bool:
 def stored_sweep(path: Path) -> Sweep:
     """Return the table of a store, which another process may be writing, without the function that computed it.
 
-    Raises
-    ------
-    StorageError
-        If the file is no store, or holds no row.
+    Raises `StorageError` if the file is no store, or holds no row.
     """
     # In this order: a table that is written meanwhile holds the rows that were beside it.
     recent = _Recent(path).read()

@@ -148,10 +148,7 @@ def _opened(store: Any, about: dict[str, str], keys: Sequence[str], retry_failed
 def _computed(task: Task, points: Points, workers: Workers, store: SweepFile | None, progress: SweepProgress) -> Sweep:
     """Return the rows of the store and those that are computed now as one table.
 
-    Raises
-    ------
-    SweepInterrupted
-        After Ctrl-C.
+    Raises `SweepInterrupted` after Ctrl-C.
     """
     known = {} if store is None else store.rows()
     # The first position of each key that is not known.

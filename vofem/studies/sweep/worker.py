@@ -25,42 +25,21 @@ RESERVED = "sweep_"
 
 @dataclass(frozen=True)
 class Row:
-    """The outcome of one point.
+    """The outcome of one point."""
 
-    Attributes
-    ----------
-    values : dict of str to array, optional
-        What the function returned; None where it failed.
-    error : str
-        Type and message of the error; empty where there was none.
-    traceback : str
-        Where the error was raised.
-    seconds : float
-        Wall time of the call.
-    """
-
-    values: dict[str, NDArray] | None
-    error: str
-    traceback: str
-    seconds: float
+    values: dict[str, NDArray] | None  #: What the function returned; None where it failed.
+    error: str  #: Type and message of the error; empty where there was none.
+    traceback: str  #: Where the error was raised.
+    seconds: float  #: Wall time of the call.
 
 
 @dataclass(frozen=True)
 class Task:
-    """What a worker needs beside the points of a batch.
-
-    Attributes
-    ----------
-    function : callable
-    limit : float, optional
-        Largest wall time of one point, in s.
-    compiled : bool
-        Whether kernels run as compiled code: the same in all workers.
-    """
+    """What a worker needs beside the points of a batch."""
 
     function: Callable[..., Any]
-    limit: float | None
-    compiled: bool
+    limit: float | None  #: Largest wall time of one point, in s.
+    compiled: bool  #: Whether kernels run as compiled code: the same in all workers.
 
 
 def compute(task: Task, points: Sequence[dict[str, Any]]) -> list[Row]:

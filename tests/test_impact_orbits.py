@@ -1,0 +1,149 @@
+"""Orbits with impacts on rigid stops, against the closed forms of the impact oscillator.
+
+For x'' + 2 z x' + x = sin(w t) with a stop at x = g, the orbits with one impact an orbit of n periods are known
+(S. W. Shaw, P. J. Holmes, J. Sound Vib. 90 (1983) 129). With the transition P of the free motion over the orbit, the
+forced response (p, q) and the speed of approach V at the impact,
+
+    P (g - p, -e V - q) = (g - p, V - q),
+
+so that (g - p, -q) = V (a, b). The amplitude of the response, p^2 + (q/w)^2 = R^2, is then a quadratic equation for V.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import vofem as vf
+
+pytestmark = pytest.mark.kernels("plain")
+
+Z, E = 0.05, 0.7
+
+
+def oscillator(omega: float, gap: float, restitution: float = E) -> vf.Scene:
+    """Return the impact oscillator."""
+    mass = vf.Mass(1.0, stiffness=1.0, damping=2.0 * Z, name="mass")
+    stop = vf.RigidStop(mass, gap=gap, restitution=restitution, side="above", name="stop")
+    return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, omega))])
+
+
+class Closed(NamedTuple):
+    """The closed form for one impact an orbit of n periods: V = ratio g at multiplier 1 or -1, and what it needs."""
+
+    omega: float
+    transition: np.ndarray
+    a: float
+    b: float
+
+    @property
+    def amplitude(self) -> float:
+        """Amplitude of the forced response."""
+        return float(1.0 / np.hypot(1.0 - self.omega**2, 2.0 * Z * self.omega))
+
+    def speeds(self, gap: float) -> np.ndarray:
+        """Return both speeds of approach, ascending."""
+        square = self.a**2 + (self.b / self.omega) ** 2
+        return np.sort(np.roots([square, -2.0 * self.a * gap, gap**2 - self.amplitude**2]))
+
+    def _trace(self, gap: float) -> tuple[float, float]:
+        """Return constants of the trace of the monodromy matrix, ``c0 + c1/V``."""
+        turned = (1.0 + E) * self.transition[0, 1]
+        push = self.a * (1.0 - self.omega**2) + 2.0 * Z * self.b
+        return -E * float(np.trace(self.transition)) - turned * push, -turned * gap * self.omega**2
+
+    def multipliers(self, gap: float, speed: float) -> np.ndarray:
+        """Return the multipliers of the orbit, the larger one first."""
+        constant, pole = self._trace(gap)
+        found = np.roots([1.0, -(constant + pole / speed), E**2 * np.linalg.det(self.transition)])
+        return found[np.argsort(-np.abs(found))]
+
+    def gap_at(self, multiplier: float) -> float:
+        """Return the gap, positive with V, at which a multiplier is 1 or -1."""
+        constant, pole = self._trace(1.0)
+        ratio = pole / (multiplier * (1.0 + E**2 * np.linalg.det(self.transition)) - constant)
+        sign = np.sign(ratio)
+        return float(sign * self.amplitude / np.hypot(1.0 - self.a * ratio, self.b * ratio / self.omega))
+
+
+def closed(omega: float, periods: int = 1) -> Closed:
+    """Return the closed form."""
+    transition = expm(np.array([[0.0, 1.0], [-1.0, -2.0 * Z]]) * 2.0 * np.pi * periods / omega)
+    kick = np.array([0.0, 1.0])
+    a, b = np.linalg.solve(transition - np.eye(2), kick + E * transition @ kick)
+    return Closed(omega, transition, float(a), float(b))
+
+
+def assert_closed(orbit: vf.PeriodicOrbit, known: Closed, gap: float) -> None:
+    """Check speed and multipliers of an orbit with one impact."""
+    speed = orbit.result.contacts["stop"].impacts.approach_speed
+    assert len(speed) == 1
+    expected = min(known.speeds(gap), key=lambda v: abs(v - speed[0]))
+    assert expected > 0.0
+    np.testing.assert_allclose(speed[0], expected, rtol=1e-11)
+    multipliers = np.asarray(orbit.multipliers)
+    np.testing.assert_allclose(
+        multipliers[np.argsort(-np.abs(multipliers))], known.multipliers(gap, speed[0]), rtol=1e-10
+    )
+
+
+@pytest.mark.parametrize("gap", [0.1, -0.2])
+def test_an_orbit_with_one_impact_is_that_of_the_closed_form(gap: float) -> None:
+    """At a gap of 0.1 it is unstable: a multiplier of -3.8; at -0.2 it is stable, and the spring presses it on."""
+    orbit = vf.periodic(oscillator(2.6, gap))
+    assert_closed(orbit, closed(2.6), gap)
+    assert orbit.residual < 1e-12
+    assert orbit.stable is (gap < 0.0)
+
+
+@pytest.mark.parametrize("ends", [(0.5, -0.3), (-0.3, 0.5)])
+def test_a_branch_passes_the_grazing_and_the_doubling_in_both_directions(ends: tuple[float, float]) -> None:
+    """The impacting orbits begin at the amplitude of the free response, unstable, and double at a known gap."""
+    known = closed(2.6)
+    branch = vf.continuation(lambda gap: oscillator(2.6, gap), *ends)
+    marks = {mark.kind: mark.value for mark in branch.special}
+    assert sorted(mark.kind for mark in branch.special) == ["grazing", "period_doubling"]
+    assert marks["grazing"] == pytest.approx(known.amplitude, rel=1e-13)
+    assert marks["period_doubling"] == pytest.approx(known.gap_at(-1.0), rel=1e-11)
+    for gap in (0.15, 0.05, -0.1):
+        (orbit,) = branch.at(gap)
+        assert_closed(orbit, known, gap)
+    (free,) = branch.at(0.4)
+    assert free.result.contacts["stop"].impacts.approach_speed.size == 0
+
+
+def test_a_branch_turns_at_its_fold_and_comes_back_to_the_grazing() -> None:
+    """Below resonance large impacts and the free response exist side by side, and an unstable orbit between them."""
+    omega = 1.7
+    known = closed(omega)
+    branch = vf.continuation(lambda gap: oscillator(omega, gap), 0.3, 1.2)
+    assert [mark.kind for mark in branch.special] == ["fold", "grazing"]
+    assert branch.special[0].value == pytest.approx(known.gap_at(1.0), rel=1e-12)
+    assert branch.special[1].value == pytest.approx(known.amplitude, rel=1e-13)
+    fast, slow, free = branch.at(0.8)
+    for orbit in (fast, slow):
+        assert_closed(orbit, known, 0.8)
+    assert [orbit.stable for orbit in (fast, slow, free)] == [True, False, True]
+
+
+def test_an_orbit_over_two_periods_is_found_from_rest() -> None:
+    """One impact in two periods: its doubling and its fold are those of the closed form."""
+    omega = 4.4
+    known = closed(omega, 2)
+    orbit = vf.periodic(oscillator(omega, 0.0), periods=2)
+    assert_closed(orbit, known, 0.0)
+    up = vf.continuation(lambda gap: oscillator(omega, gap), 0.0, 0.2, guess=orbit, periods=2)
+    assert [mark.kind for mark in up.special] == ["period_doubling", "grazing", "grazing"]
+    assert up.special[0].value == pytest.approx(known.gap_at(-1.0), rel=1e-11)
+    # Both peaks of the free response touch at once, and more than one branch begins there.
+    assert up.special[1].value == pytest.approx(known.amplitude, rel=1e-13)
+    assert "one orbit grazes 'stop' several times" in up.notes[0]
+    down = vf.continuation(lambda gap: oscillator(omega, gap), 0.0, -0.2, guess=orbit, periods=2, max_points=60)
+    assert [mark.kind for mark in down.special][:2] == ["fold", "grazing"]
+    assert down.special[0].value == pytest.approx(known.gap_at(1.0), rel=1e-12)
+    # Beyond the grazing the stop is hit twice.
+    assert len(down.orbits[-1].result.contacts["stop"].impacts) == 2
+    assert down.orbits[-1].residual < 1e-8
