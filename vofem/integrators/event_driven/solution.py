@@ -28,7 +28,7 @@ from vofem.integrators.event_driven.regime import Motion, Regime, Regimes, drift
 from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.event_driven.sensitivity import Perturbation
 from vofem.integrators.event_driven.spectrum import Spectrum
-from vofem.integrators.event_driven.table import MOST_MODES, Statuses, Table
+from vofem.integrators.event_driven.table import Statuses
 from vofem.integrators.event_driven.tangent import acceleration
 from vofem.integrators.registry import advice
 from vofem.integrators.unclosed import never_closed, open_throughout
@@ -659,12 +659,12 @@ class EventSolution:
         )
         return self.space.contacts[j], float(laws.restitution[j]), float(bounces.approach[k]), (before, after)
 
-    def _free_table(self) -> Table | None:
+    def _free_table(self) -> Statuses | None:
         """Return the statuses of the record in which a perturbation can be followed in compiled code, None where none.
 
         These are the ones without pinned contacts and groups.
         """
-        if not compiled() or self.space.size > MOST_MODES or len(self.record.statuses) > _MOST_STATUSES:
+        if not compiled() or len(self.record.statuses) > _MOST_STATUSES:
             return None
         held = Statuses(1)
         for number, status in enumerate(self.record.statuses):
@@ -672,7 +672,8 @@ class EventSolution:
                 regime = self.regime(status, 0)
                 if regime.blocks.group is None:
                     held.enter(regime, number, 0)
-        return held.room(len(self.record.statuses))
+        held.make_room(len(self.record.statuses))
+        return held if len(held.table) else None
 
     @property
     def start_energy(self) -> float:
