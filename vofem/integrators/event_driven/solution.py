@@ -220,6 +220,8 @@ class EventSolution:
 
     def _check_rigid(self, laws: ContactLaws, q: Array) -> None:
         """Open the rigid stops at the start, which bodies may touch but not penetrate; raise where one does."""
+        if not laws.rigid.any():
+            return
         inside = np.where(laws.rigid, laws.rows @ q - laws.gap, 0.0)
         inside[inside <= 1e-12 * (abs(laws.rows) @ np.abs(q) + np.abs(laws.gap))] = 0.0
         if inside.any():
