@@ -6,23 +6,18 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array, IntArray
 from vofem.integrators.base import ContactSamples, Energies, Sensitivity, Truncation
 from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.system import Counters, Events
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
 
 class LiftedSamples:
     """Samples in Ritz vectors; degrees of freedom are computed when they are first needed.
 
-    Attributes
-    ----------
-    q, v, a : ndarray, shape (n, n_times)
+    `q`, `v`, `a` have shape (n, n_times).
     """
 
     def __init__(self, vectors: Array, z: Array, v: Array, a: Array) -> None:
@@ -61,17 +56,10 @@ class LiftedSamples:
 class TruncatedSolution:
     """The solution of a run in Ritz vectors, given in degrees of freedom.
 
-    Attributes
-    ----------
-    reduced : EventSolution
-        The run in Ritz vectors.
-    vectors : ndarray, shape (n, count)
-        M-orthonormal.
-    truncation : Truncation
-    tolerance : float
-        Relative error of displacements that the user accepts.
-    beams : bool
-        Whether there are slopes among the degrees of freedom.
+    `reduced`: the run in Ritz vectors.
+    `vectors` (shape (n, count)): M-orthonormal.
+    `tolerance`: relative error of displacements that the user accepts.
+    `beams`: whether there are slopes among the degrees of freedom.
     """
 
     continuous = True
