@@ -1,7 +1,5 @@
 """Writing fails at every place, processes die at any moment: the file is the old one or the new one, whole."""
 
-from __future__ import annotations
-
 import errno
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The pages say what works: their Python runs, their links lead somewhere."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 from pathlib import Path
@@ -14,10 +12,7 @@ from vofem.io.scenes import schema
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
-PAGES = [
-    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "examples/README.md")),
-    *sorted(DOCS.rglob("*.md")),
-]
+PAGES = [*(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "examples/README.md")), *sorted(DOCS.rglob("*.md"))]
 
 
 def python_of(page):
@@ -27,22 +22,10 @@ def python_of(page):
 @pytest.mark.parametrize(
     ("page", "files"),
     [
-        (
-            ROOT / "README.md",
-            ["run.vtkhdf", "tip.png"],
-        ),
+        (ROOT / "README.md", ["run.vtkhdf", "tip.png"]),
         (
             ROOT / "docs" / "pictures.md",
-            [
-                "history.gif",
-                "history.png",
-                "map.png",
-                "mode.gif",
-                "paper.pdf",
-                "shapes.png",
-                "side.gif",
-                "side.png",
-            ],
+            ["history.gif", "history.png", "map.png", "mode.gif", "paper.pdf", "shapes.png", "side.gif", "side.png"],
         ),
         (
             ROOT / "docs" / "steady-states.md",

@@ -1,7 +1,5 @@
 """Samples of an event-driven run at many times at once: many oscillators at a time, and products of matrices."""
 
-from __future__ import annotations
-
 import copy
 
 import numpy as np
@@ -47,11 +45,7 @@ def test_many_oscillators_at_once_are_those_one_by_one(compiled):
             )
 
 
-EFFECTS = {
-    "no dampers": [],
-    "modal damping": [vf.ModalDamping(0.02)],
-    "complex modes": [vf.RayleighDamping(0.1, 1e-3)],
-}
+EFFECTS = {"no dampers": [], "modal damping": [vf.ModalDamping(0.02)], "complex modes": [vf.RayleighDamping(0.1, 1e-3)]}
 
 
 @pytest.mark.parametrize("name", EFFECTS)

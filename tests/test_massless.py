@@ -1,7 +1,5 @@
 """Massless parts are refused by name; very light ones are what they tend to, springs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import cantilever

@@ -1,7 +1,5 @@
 """A law written outside the package: one class for the law, one for its effect, one entry for scene files."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import KW_ONLY, dataclass
 from typing import Annotated, ClassVar

@@ -1,7 +1,5 @@
 """Some scenes of the population whose branches are quick: they arrive, repeat, and list the same points both ways."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The growth of a perturbation, against two nearby runs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import LAWS, cantilever, paper_beam, two_masses

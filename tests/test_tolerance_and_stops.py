@@ -1,7 +1,5 @@
 """Steps that follow a tolerance against stiff stops: closed forms, and motion that is exact between events."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import between_stops, on_stop

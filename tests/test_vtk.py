@@ -1,7 +1,5 @@
 """VTU series read back with VTK's own reader, and what happens when they cannot be written."""
 
-from __future__ import annotations
-
 import errno
 import os
 from pathlib import Path

@@ -273,8 +273,8 @@ def refuse_travelling(what: str, system: System) -> None:
     """Raise `MethodError` where something travels along a beam, which only runs in time take into account."""
     if system.travelling is not None:
         raise MethodError(
-            f"{what}: {system.travelling} travels along a beam, which {what} cannot take into account; simulate the "
-            "scene, or give beam.at(x) for a place of interest"
+            f"{what}: {system.travelling}: {what} takes no account of what travels along a beam; simulate the scene, "
+            "or give beam.at(x) for a place of interest"
         )
 
 

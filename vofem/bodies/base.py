@@ -277,4 +277,4 @@ def as_point(what: str, value: Any) -> Point:
     if isinstance(value, Point):
         return value
     hint = "; take a point of it with .at(x)" if hasattr(value, "at") else ""
-    raise ArgumentError(f"{what} is {value!r}, expected a point: beam.at(x) or a Mass{hint}")
+    raise ArgumentError(f"{what} is {value!r}, expected a point: beam.at(x), beam.along(path) or a Mass{hint}")

@@ -56,7 +56,9 @@ class OrbitSensitivities(MotionSensitivities):
                 "modes"
             )
         self.orbit = orbit
-        contacts = scene.model.system.contacts
+        contacts, sliders = scene.model.system.contacts, scene.model.system.sliders
+        if sliders is not None:
+            raise MethodError(f"sensitivities: {sliders.refusal('a derivative of an orbit')}")
         rigid = None if contacts is None else contacts.rigid_refusal("a derivative of an orbit")
         if rigid is not None:
             raise MethodError(f"sensitivities: {rigid}")

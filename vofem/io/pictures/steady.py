@@ -23,6 +23,7 @@ MARKS = {
     "neimark_sacker": ("s", 3, "Neimark-Sacker"),
     "grazing": ("^", 2, "grazing"),
     "branch_point": ("P", 5, "branch point"),
+    "sticking": ("X", 2, "onset of sticking"),
 }
 
 #: The same for points at which a locus is special itself.
