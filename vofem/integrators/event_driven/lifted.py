@@ -5,31 +5,22 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.base import ContactSamples, Energies, Sensitivity, Truncation
 from vofem.integrators.event_driven.modal_samples import ModalSamples
 from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.system import Counters, Events
 
-Array = NDArray[np.float64]
-
 
 class TruncatedSolution:
     """The solution of a run in Ritz vectors, given in degrees of freedom.
 
-    Attributes
-    ----------
-    reduced : EventSolution
-        The run in Ritz vectors.
-    vectors : ndarray, shape (n, count)
-        M-orthonormal.
-    truncation : Truncation
-    tolerance : float
-        Relative error of displacements that the user accepts.
-    beams : bool
-        Whether there are slopes among the degrees of freedom.
+    `reduced`: the run in Ritz vectors.
+    `vectors` (shape (n, count)): M-orthonormal.
+    `tolerance`: relative error of displacements that the user accepts.
+    `beams`: whether there are slopes among the degrees of freedom.
     """
 
     continuous = True

@@ -7,10 +7,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from vofem.arrays import Array, IntArray
 
 #: Numbers of modal samples above which only what is asked for is computed.
 _MANY = 2_000_000
@@ -22,17 +20,10 @@ class ModalSamples:
     Displacements and velocities at few times are computed as a whole, so that parts of them have the same bits. At many
     times, or where there are fewer modes than degrees of freedom, only what is asked for is computed.
 
-    Parameters
-    ----------
-    shapes : ndarray, shape (n, n_modes)
-    z, v : ndarray, shape (n_modes, n_times)
-        Modal displacements and velocities.
-    acceleration : callable
-        Returns the modal accelerations, shape (n_modes, n_times).
-
-    Attributes
-    ----------
-    q, v, a : ndarray, shape (n, n_times)
+    `shapes` has shape (n, n_modes).
+    `z`, `v` (shape (n_modes, n_times)): modal displacements and velocities.
+    `acceleration`: returns the modal accelerations, shape (n_modes, n_times).
+    `q`, `v`, `a` have shape (n, n_times).
     """
 
     def __init__(self, shapes: Array, z: Array, v: Array, acceleration: Callable[[], Array]) -> None:

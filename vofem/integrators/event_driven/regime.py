@@ -465,7 +465,7 @@ class Motion:
     def sampled(self, rows: Array, low: float, high: float, count: int) -> tuple[Array, Array, Array]:
         """Return times, at least so many equal steps, and modal rows (k, n) of displacements and velocities there."""
         blocks, over = self.regime.blocks, self.regime.over_blocks(rows)
-        fine = max(int(np.sqrt(count)), 1) if blocks.group is None and count * blocks.bits.size > _FEW_NUMBERS else 1
+        fine = max(int(np.sqrt(count)), 1) if blocks.group is None and count * blocks.of.shape[1] > _FEW_NUMBERS else 1
         tau = np.linspace(low, high, -(-count // fine) * fine + 1)
         changes = flat(self.changes(tau[::fine]))
         values = over @ changes.T

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.event_driven.bounces import struck
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.pieces import turned
@@ -24,7 +25,6 @@ from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.linalg.exponential import matrix_change
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws
 
-Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 
@@ -34,23 +34,15 @@ _NOTHING = 1e-33
 
 
 class Event(NamedTuple):
-    """The data of an event that determine how perturbations change in it.
+    """The data of an event that determine how perturbations change in it."""
 
-    Attributes
-    ----------
-    before, after : ndarray of int, shape (n_contacts,)
-        Contact status.
-    displacement, velocity : ndarray, shape (n,)
-        Modal state before it.
-    load : ndarray, shape (n,)
-        Modal load.
-    """
-
+    #: `before`, `after`: contact status, shape (n_contacts,).
     before: Status
     after: Status
+    #: `displacement`, `velocity`: modal state before it, shape (n,).
     displacement: Array
     velocity: Array
-    load: Array
+    load: Array  #: Modal load, shape (n,).
 
 
 class Tangent:
@@ -58,19 +50,9 @@ class Tangent:
 
     Perturbations that have decayed to nothing, such as those of fast damped modes, are no longer computed.
 
-    Parameters
-    ----------
-    space : ModalSpace
-    laws : ContactLaws, optional
-    displacement, velocity : ndarray, shape (n, k)
-        Perturbations at the beginning.
-
-    Attributes
-    ----------
-    z, v : ndarray, shape (n, number of columns)
-        The perturbations that are left.
-    columns : ndarray of int
-        Numbers of these perturbations.
+    `displacement`, `velocity` (shape (n, k)): perturbations at the beginning.
+    `z`, `v` (shape (n, number of columns)): the perturbations that are left.
+    `columns`: numbers of these perturbations.
     """
 
     def __init__(self, space: ModalSpace, laws: ContactLaws | None, displacement: Array, velocity: Array) -> None:
@@ -178,16 +160,10 @@ def _pinned(
 def bounced(z: Array, v: Array, row: Array, restitution: float, rate: float, push: tuple[Array, Array]) -> Array:
     """Return the velocities of perturbations after an impact on a rigid stop, shape (n,) or (n, k).
 
-    Parameters
-    ----------
-    z, v : ndarray, shape (n,) or (n, k)
-        Perturbations before.
-    row : ndarray, shape (n,)
-    restitution : float
-    rate : float
-        Speed of approach, m/s.
-    push : (ndarray, ndarray)
-        Modal accelerations before and after, each (n,).
+    `z`, `v` (shape (n,) or (n, k)): perturbations before.
+    `row` has shape (n,).
+    `rate`: speed of approach, m/s.
+    `push`: modal accelerations before and after, each (n,).
     """
     before, after = push
     change = struck(row, restitution, before) - after
