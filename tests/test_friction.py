@@ -535,7 +535,7 @@ def test_harmonic_balance_of_a_slider_behind_a_spring(tmp_path: Path) -> None:
     np.testing.assert_allclose(last[last > 0.0], balanced.result.frictions["pad"].breaks, atol=1e-5 * period)
 
     for wrong, found in (
-        ({}, "sticks rigidly, so its force jumps.*give the slider a spring"),
+        ({}, "sticks rigidly, so its force jumps.*find the orbit by shooting, give the slider a spring"),
         ({"stiffness": 1.0, "static": 0.4}, "has a static coefficient above the sliding one"),
         ({"stiffness": 1.0, "belt": 0.1}, "lies on a belt"),
     ):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem.arrays import Array
 from vofem.cache import Cache
 from vofem.errors import MethodError
 from vofem.laws import CLOSED as CLOSED
@@ -17,8 +18,6 @@ from vofem.laws import ContactLaws, FrictionLaws, LawGroup
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
-
-Array = NDArray[np.float64]
 
 
 class LoadFunction(Protocol):

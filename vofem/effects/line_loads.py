@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vofem.arrays import Array
 from vofem.bodies.beam import Beam
 from vofem.effects.base_motion import BaseMotion
 from vofem.effects.foundation import Foundation
 from vofem.effects.loads import DistributedLoad, Gravity
 from vofem.time_functions import as_time_function
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

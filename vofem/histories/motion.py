@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array
+from vofem.arrays import Array
 from vofem.assembly import Model
 from vofem.bodies.base import Body
 from vofem.bodies.beam import Beam
@@ -18,8 +19,6 @@ from vofem.errors import ArgumentError
 from vofem.integrators.base import Sampled, Solution
 from vofem.lookup import body_named, row_of, the_beam
 from vofem.scene import Scene
-
-Array = NDArray[np.float64]
 
 
 class Motion:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import Named
+from vofem.arrays import Array
 from vofem.assembly import Effect, Model
 from vofem.bodies.beam import Beam
 from vofem.bodies.recovery import recovered_sections
@@ -17,8 +18,6 @@ from vofem.effects.line_loads import line_loads
 from vofem.effects.two_points import units_of
 from vofem.initial import StoredState
 from vofem.lookup import body_named, row_of, the_beam
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

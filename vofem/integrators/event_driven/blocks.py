@@ -30,7 +30,6 @@ from vofem.linalg.oscillators import (
     DELTA,
     SQUARE,
     oscillator_times,
-    oscillators,
     oscillators_at,
     oscillators_at_once,
 )
@@ -96,10 +95,10 @@ def ready(blocks: Blocks) -> Blocks:
     return blocks._replace(response=response(blocks.pair.size > 0))
 
 
-def blocks_of(delta: Array, p: Array, pair: Integers, gain: Array, group: Group | None) -> Blocks:
+def blocks_of(of: Array, pair: Integers, gain: Array, group: Group | None) -> Blocks:
     """Return blocks with work space. They may be kept for long, so addresses are set by `ready` where they move."""
-    work, bits = np.empty((6, p.size)), np.zeros(p.size, dtype=np.int64)
-    return Blocks(oscillators(delta, p), pair, gain, group, work, bits, response(False))
+    work, bits = np.empty((6, of.shape[1])), np.zeros(of.shape[1], dtype=np.int64)
+    return Blocks(of, pair, gain, group, work, bits, response(False))
 
 
 @jit

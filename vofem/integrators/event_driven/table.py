@@ -73,16 +73,15 @@ _OF_STATUSES = 2
 
 def _parts(regime: Regime) -> list[NDArray]:
     """Return what a slot holds of a linear piece, in the order of the fields of `Table`."""
-    spectrum, blocks = regime.spectrum, regime.blocks
+    spectrum, blocks, exits = regime.spectrum, regime.blocks, regime.exits
     real, mixed = spectrum.real, spectrum.blocks
     m, n = spectrum.p.size, regime.vectors.shape[1]
     steady = np.ascontiguousarray(regime.answers.steady.T)
     none = np.zeros((2, 0, 2, 0))
     return [
-        np.array([regime.sign.size, blocks.pair.shape[0], regime.levels.size]),
+        np.array([exits.sign.size, blocks.pair.shape[0], regime.levels.size]),
         np.array([real.modes is None, mixed is not None, regime.mixed, regime.held]),
-        blocks.of, blocks.pair, blocks.gain, regime.levels, regime.rows, regime.sizes, regime.sign, regime.level,
-        regime.owner, regime.leads,
+        blocks.of, blocks.pair, blocks.gain, regime.levels, *exits,
         np.zeros((0, 0)) if real.modes is None else np.ascontiguousarray(real.modes),
         none if mixed is None else np.ascontiguousarray(mixed.into).reshape(2, m, 2, m),
         none if mixed is None else np.ascontiguousarray(mixed.out).reshape(2, m, 2, m),
@@ -94,7 +93,7 @@ def single(regime: Regime, number: int, kind: int, statuses: int, kinds: int) ->
     """Return a table that holds one linear piece, that of a status of the record, without a copy."""
     slots = np.full((statuses, kinds), -1)
     slots[number, kind] = 0
-    return Table(slots, np.full((statuses, regime.sign.size), -1), *(part[None] for part in _parts(regime)))
+    return Table(slots, np.full((statuses, regime.exits.sign.size), -1), *(part[None] for part in _parts(regime)))
 
 
 class Statuses:
@@ -120,7 +119,7 @@ class Statuses:
         if self.table is not None and number < len(self.table.slots) and self.table.slots[number, kind] >= 0:
             return self.table
         parts = _parts(regime)
-        slots, after = self._links(regime.sign.size, number)
+        slots, after = self._links(regime.exits.sign.size, number)
         stacks = [part[None][:0] for part in parts] if self.table is None else list(self.table[_OF_STATUSES:])
         rows = stacks[0].shape[0]
         if self._used == rows and rows * sum(part.nbytes for part in parts) > _MOST_MEMORY:

@@ -10,7 +10,7 @@ from vofem.studies.steady.orbit import PeriodicOrbit
 #: Share of the parameter in the direction of a branch below which it turns at a branch point.
 _LEVEL = 1e-3
 
-#: Kinds of special points.
+#: Kinds of special points that have loci.
 KINDS = ("fold", "period_doubling", "neimark_sacker", "grazing", "branch_point")
 
 
@@ -24,12 +24,12 @@ class SpecialPoint:
         "fold": a multiplier is 1 and the branch turns smoothly in its parameter. "branch_point": a multiplier passes 1
         and the branch does not turn. "period_doubling": a multiplier passes -1. "neimark_sacker": a pair of complex
         multipliers crosses the unit circle. "grazing": a local extremum of a gap function touches zero, whether or not
-        the branch turns there.
+        the branch turns there. "sticking": a friction begins to stick where it turned at once, or ceases to.
     value : float
         Value of the branch's parameter at the point.
     orbit : PeriodicOrbit
     contact : str
-        Name of the contact that grazes; empty for other kinds.
+        Name of the contact that grazes, or of the friction that sticks; empty for other kinds.
     place : float
         Position of the point on the branch: the number of the orbit before it, plus the fraction of the way to the next
         orbit.
