@@ -1,7 +1,5 @@
 """What accuracy costs: studies of error against time, and the mesh that they need."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Work and dissipation of event_driven runs: against quadrature of the power, their balance, and what they cost."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import between_stops, cantilever
@@ -154,6 +152,27 @@ def test_a_stored_time_costs_one_evaluation_of_the_blocks(kind, monkeypatch):
     monkeypatch.setattr(energy, "lyapunov", lambda *_: calls.append("form"))
     result.solution.energies(np.linspace(0.0, 6.0, count))
     assert not calls
+
+
+@pytest.mark.parametrize("effects", ["belt", "train"])
+def test_belts_and_trains_have_forms(effects, monkeypatch):
+    """Their work and losses need no quadrature, which took seconds."""
+    beam = vf.Beam(1.0, 10.0, 0.5, 4, {"left": "clamped"}, name="beam")
+    if effects == "belt":
+        belt = vf.Sine(0.3, 4.0) + 0.1
+        acting = [
+            vf.Friction(beam.at(1.0), coefficient=0.5, normal=4.0, belt=belt),
+            vf.Friction(beam.at(0.5), coefficient=0.2, normal=1.0, stiffness=300.0, belt=0.1),
+            vf.Contact(beam.at(0.75), gap=0.01, side="above", stiffness=1e3, damping=3.0, acts_on="penetration"),
+        ]
+    else:
+        acting = [vf.PointLoad(beam.along(vf.Path(1.5, begin=0.2 * k)), -1.0) for k in range(4)]
+    monkeypatch.setattr(energy, "quadrature", lambda *_: pytest.fail("quadrature"))
+    result = vf.simulate(vf.Scene([beam], [*acting, vf.RayleighDamping(0.2, 1e-4)]), 2.0, method="event_driven")
+    found = result.energy
+    total = found.kinetic + found.strain + found.contact + found.dissipated - found.work
+    assert np.abs(total - found.start).max() < 1e-12 * np.abs(found.work).max()
+    assert found.dissipated[-1] > 0.0
 
 
 def test_scenes_that_share_eigensystems_have_loads_of_their_own():

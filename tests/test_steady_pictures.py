@@ -1,7 +1,5 @@
 """Response curves of scene files and pictures of steady states: they show what is known, and refuse what is not."""
 
-from __future__ import annotations
-
 import csv
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Sweeps: the same table on every executor, after every interruption, and whatever a point does."""
 
-from __future__ import annotations
-
 import functools
 import os
 import signal
@@ -156,10 +154,7 @@ def test_every_executor_gives_the_same_bits():
     # loky imports nothing of this folder by itself, as a worker elsewhere.
     with LokyExecutor(1, env={"PYTHONPATH": os.pathsep.join([str(TESTS), *sys.path])}) as loky:
         assert same(vf.sweep(functions.amplitude, GRID, executor=loky), expected)
-    with (
-        LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster,
-        Client(cluster) as client,
-    ):
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
         client.run(sys.path.insert, 0, str(TESTS))
         assert same(vf.sweep(functions.amplitude, GRID, executor=client), expected)
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.assembly import Model
 from vofem.bodies.base import Body
 from vofem.integrators.base import Sampled
-
-Array = NDArray[np.float64]
 
 
 def support_reaction(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -29,6 +29,7 @@ class OfContact(Kind):
 
     shown = "Contact or str"
     expected = "a Contact, or the name of one"
+    schema: ClassVar = {"type": "string"}
 
     def check(self, what: str, value: Any) -> Contact | str:
         """Return the contact or the name."""
@@ -45,10 +46,6 @@ class OfContact(Kind):
     def write(self, value: Any, book: Book) -> str:
         """Return the name."""
         return _NAME.write(value.name if isinstance(value, Contact) else value, book)
-
-    def described(self) -> dict[str, Any]:
-        """Return a name."""
-        return {"type": "string", **super().described()}
 
 
 @declared()

@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from vofem.arrays import Array
 
 #: Weights of a method: order and count to weights, shape (count,), at unit step.
 Weights = Callable[[float, int], Array]

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.fractional.convolution import bdf2, binomial, convolve, linear
 from vofem.fractional.linear import piecewise_linear, power
 from vofem.fractional.sampled import Sampled
-
-Array = NDArray[np.float64]
 
 METHODS = ("cq", "gl", "l1")
 

@@ -7,15 +7,14 @@ from dataclasses import dataclass, field
 from typing import Annotated, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import number, wrong
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.fractional.constants import gap_function
 from vofem.fractional.orders import exponential_order
 from vofem.parameters import Numbers, declared, rule
-
-Array = NDArray[np.float64]
 
 
 class OrderLaw(Protocol):

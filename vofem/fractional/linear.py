@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from vofem.arrays import Array
 
 #: Entries of the tables that are held at a time.
 _CHUNK = 2_000_000

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import array
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 
-Array = NDArray[np.float64]
 Samples = ArrayLike | Callable[[Array], ArrayLike]
 History = tuple[ArrayLike, Samples]
 

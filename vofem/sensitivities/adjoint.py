@@ -11,17 +11,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array, Complex
 from vofem.sensitivities.flow import Block, Closed, divided, divided_far, ramped
 from vofem.sensitivities.forcing import Forcing, derivative_waves
 from vofem.sensitivities.forward import Forward
 from vofem.sensitivities.impacts import Impact
 from vofem.sensitivities.modal import ModalChange
 from vofem.system import OPEN, PINNED
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: As for forward derivatives.
 _NEAR = 1.0

@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.histories import ContactHistory
 from vofem.sensitivities.flow import Block, Closed, divided_far, ramped
 from vofem.sensitivities.forcing import Forcing
 from vofem.sensitivities.forward import Forward
 from vofem.system import CLOSED, OPEN, PINNED
-
-Array = NDArray[np.float64]
 
 #: Newton steps for the time of a peak.
 _ROUNDS = 8

@@ -5,14 +5,12 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import MethodError
 from vofem.sensitivities.flow import Block, Closed
 from vofem.sensitivities.forward import Forward, Passage
 from vofem.system import CLOSED, OPEN
-
-Array = NDArray[np.float64]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 

@@ -15,10 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array, Complex
 from vofem.sensitivities.forcing import Forcing
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: Distance of two eigenvalues times the duration, below which their divided difference is computed as one function.
 _NEAR = 1.0

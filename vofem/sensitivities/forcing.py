@@ -5,14 +5,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array, Complex
 from vofem.parameters import changed
 from vofem.time_functions import Constant, Piece, Ramp, Shifted, Sine
 from vofem.time_functions.base import Scaled, Sum
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 class Forcing(NamedTuple):

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.sensitivities.flow import Basis, Block, Closed, Segment, basis_of
 from vofem.sensitivities.forcing import Forcing, derivative_waves, forcing_of, waves_of
 from vofem.sensitivities.impacts import Impact
 from vofem.sensitivities.modal import ModalChange, ModalSystem, StatusEquation
 from vofem.system import CLOSED, OPEN, PINNED, Events
 
-Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.sensitivities.system_change import SystemChange
 from vofem.system import CLOSED, PINNED, ContactLaws, System
 
-Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 

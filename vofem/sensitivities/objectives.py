@@ -6,9 +6,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import array, name_of, whole
+from vofem.arrays import Array
 from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
 from vofem.lookup import rows_over
@@ -17,8 +18,6 @@ from vofem.sensitivities.adjoint import Linear
 from vofem.sensitivities.contacts import Law, event_at, peak_of, within
 from vofem.sensitivities.energy import fastest, gauss, no_rigid_stops, powers
 from vofem.sensitivities.forward import Forward
-
-Array = NDArray[np.float64]
 
 
 class Objective:

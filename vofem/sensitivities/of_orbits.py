@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array, Complex
 from vofem.blas import one_thread
 from vofem.errors import ArgumentError, MethodError
 from vofem.scene import Scene
@@ -20,9 +20,6 @@ from vofem.sensitivities.system_change import system_changes, unchanged
 from vofem.studies.steady import PeriodicOrbit, SpecialPoint
 from vofem.system import CLOSED, OPEN, PINNED
 from vofem.time_functions import Sine, as_time_function
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: Relative distance of multipliers that count as one, and have no derivatives of their own.
 _SAME = 1e-7

@@ -12,8 +12,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.bodies import Point
 from vofem.errors import ArgumentError
 from vofem.lookup import rows_over
@@ -26,7 +26,6 @@ from vofem.system import same_matrix
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
-Array = NDArray[np.float64]
 
 #: Weights of a central difference of order eight, at steps -4 to 4.
 _CENTRAL = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])

@@ -24,8 +24,7 @@ from vofem.integrators.event_driven.clusters import Group
 from vofem.integrators.event_driven.exosystem import exosystem, gathered
 from vofem.integrators.event_driven.flow import modes_of
 from vofem.integrators.event_driven.pieces import Maps, Pieces, Structure, maps, pass_segments, pieces, structure
-from vofem.integrators.event_driven.regime import Motion, Regime, regime_of, start_motion
-from vofem.integrators.event_driven.spectrum import Spectra
+from vofem.integrators.event_driven.regime import Motion, Regime, Regimes, start_motion
 from vofem.kernels.mode import kernels
 from vofem.system import PINNED, Counters, System
 
@@ -131,7 +130,7 @@ def _stuck(regime: Regime, contacts: Array, status: Status, first: int) -> Stuck
     mine = np.flatnonzero(held >= first)
     if not mine.size:
         return None
-    real, force = regime.spectrum.real, regime.reactions
+    real, force = regime.spectrum.real, regime.base.quantities.reactions
     assert real.lifts is not None
     assert force is not None
     lift, push, react = (part[:, mine] for part in real.lifts)
@@ -164,7 +163,6 @@ class Course:
     def __init__(self, system: System, horizon: float, counters: Counters, group: FrictionLaws | None = None) -> None:
         self.system, self.horizon = system, horizon
         self.space = modes_of(system, counters)
-        self._spectra = Spectra(self.space, system.contacts, counters, system.cache)
         functions, self._vectors = gathered(system.loads, self.space.loads)
         self.sliders: Sliders | None = None
         if group is not None:
@@ -172,23 +170,16 @@ class Course:
 
             assert system.contacts is not None
             self.sliders = Sliders(group, len(system.contacts) - len(group), len(functions))
+        self._linear = Regimes(system, self.space, self._vectors, counters, self.sliders)
         # The loads have no breakpoints.
         edges = np.array([0.0, horizon])
         self.loads = exosystem(functions, edges, constant=system.contacts is not None)
-        self._regimes: dict[bytes, Regime] = {}
         self._stuck: dict[bytes, Stuck | None] = {}
         self._table: _Table | None = None
 
     def regime(self, status: Status) -> Regime:
         """Return the linear piece of a contact status."""
-        key = status.tobytes()
-        if key not in self._regimes:
-            load = self.loads.function[0], self.loads.omega[0], self.loads.bend
-            self._regimes[key] = regime_of(
-                self._spectra[status], self.space, self.system.contacts, status, np.abs(self.space.contacts),
-                self._vectors, load, self.horizon, self.sliders,
-            )  # fmt: skip
-        return self._regimes[key]
+        return self._linear.of(status, self.loads, 0)
 
     def motion(self, status: Status, time: float, state: Array) -> Motion:
         """Return the motion from a modal state, shape (2n,), at a time in s."""

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,9 @@ from vofem.integrators.event_driven.exosystem import CONSTANT
 from vofem.integrators.event_driven.record import Record
 from vofem.integrators.event_driven.regime import Regime, flat
 from vofem.linalg.oscillators import DELTA, FREQUENCY, SQUARE
+
+if TYPE_CHECKING:
+    from vofem.integrators.event_driven.sliders import SlidingPiece
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -105,14 +108,7 @@ class StatusForms:
             if unsure.any():
                 self.lone = np.where(np.outer(np.tile(unsure, 2), np.tile(unsure, 2)), known, 0.0)
                 lost = lyapunov(spectrum.delta, spectrum.p, spectrum.delta, spectrum.p, known - self.lone)
-        steady = regime.answers.steady
-        loads = regime.load_rows @ steady
-        mixed = _times(power, steady)
-        work = [0.5 * regime.load_rows.T, 0.5 * (loads + loads.T)]
-        loss = [mixed, steady.T @ mixed]
-        if regime.stops is not None:
-            for parts, more in zip((work, loss), _of_stops(regime), strict=True):
-                parts[0], parts[1] = parts[0] + more[0], parts[1] + more[1]
+        work, loss = _with_loads(regime)
         self.work = self._with_loads(None, None, *work)
         self.loss = self._with_loads(lost, self.lone, *loss)
 
@@ -148,9 +144,6 @@ class StatusForms:
             Times from the starts, s.
         """
         regime, found = self.regime, np.zeros((2, tau.size))
-        if not regime.spectrum.p.size:
-            # All contacts of a few masses are pinned: nothing moves.
-            return found
         e, omega = regime.loads, regime.blocks.of[FREQUENCY, : regime.loads]
         y, w = flat(begins[:, :, e:]), flat(begins[:, :, :e])
         forms = self.work, self.loss
@@ -187,6 +180,48 @@ class StatusForms:
         blocks = np.flatnonzero(used.reshape(2, -1).any(axis=0))
         quickest = np.sqrt(spectrum.p[blocks].max()) + spectrum.delta[blocks].max()
         return quadrature(power, tau, float(2.0 * quickest + regime.blocks.of[FREQUENCY, :e].max(initial=0.0)))
+
+
+def _with_loads(regime: Regime) -> tuple[list[Array], list[Array]]:
+    """Return the products with loads in the power of loads and in that of dampers.
+
+    Each is a list of those of blocks and loads, (2m, 2e), and of loads, (2e, 2e): ``2 y' first w + w' second w``.
+    """
+    steady = regime.answers.steady
+    loads = regime.load_rows @ steady
+    mixed = _times(regime.power, steady)
+    parts = [0.5 * regime.load_rows.T, 0.5 * (loads + loads.T)], [mixed, steady.T @ mixed]
+    more = None if regime.stops is None else _of_stops(regime)
+    if regime.sliding is not None and regime.sliding.moves:
+        more = _of_belts(regime, regime.sliding)
+    for own, added in zip(parts, more or (), strict=False):
+        own[0], own[1] = own[0] + added[0], own[1] + added[1]
+    return parts
+
+
+def _of_belts(regime: Regime, sliding: SlidingPiece) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Return what belts add to work and loss: products of blocks and loads, (2m, 2e), and of loads, (2e, 2e)."""
+    e, pushes = regime.loads, sliding.pushes
+    none, every = np.zeros_like(pushes.anchors), np.eye(sliding.space.size)
+    blocks = regime.velocities(every)
+    # Velocities of the modes that belts carry along, and by the loads as a whole.
+    carried = np.concatenate([np.zeros_like(pushes.carried), pushes.carried], axis=1)
+    along = blocks @ regime.answers.steady
+    contacts, dampers = sliding.space.contacts, sliding.dampers[:, None]
+
+    def damped(velocities: Array) -> Array:
+        force = sliding.space.damping_force(velocities) + contacts.T @ (dampers * (contacts @ velocities))
+        return np.asarray(force)
+
+    taken = damped(carried)
+    lost = (along + 0.5 * carried).T @ taken
+    belts = np.concatenate([none, pushes.anchors], axis=1)
+    forces = sliding.forces.reshape(len(belts), 2, -1)
+    of_loads = -flat(forces[:, :, :e]).T @ belts
+    mine = np.flatnonzero(regime.function >= 0)
+    of_loads[mine] += regime.vectors[regime.function[mine]] @ carried
+    work = -0.5 * flat(forces[:, :, e:]).T @ belts, 0.5 * (of_loads + of_loads.T)
+    return work, (blocks.T @ taken, lost + lost.T)
 
 
 def _of_stops(regime: Regime) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
@@ -234,8 +269,7 @@ def work_and_dissipation(
         places = order[mine]
         used, own = np.unique(of[places], return_inverse=True)
         starts = begins(regime, used)
-        moved = regime.sliding is not None and (regime.sliding.moves or regime.stops is not None)
-        if regime.blocks.group is None and not moved:
+        if regime.blocks.group is None:
             if "forms" not in regime.kept:
                 regime.kept["forms"] = StatusForms(regime)
             found[:, places] = regime.kept["forms"].taken(starts, own, tau[places])
@@ -254,35 +288,23 @@ def work_and_dissipation(
 
 def _on_panels(regime: Regime, begin: Array, tau: Array) -> Array:
     """Return work and loss in a segment that has no forms, shape (2, n_times)."""
-    e, stops = regime.loads, regime.stops
+    e, of = regime.loads, regime.blocks.of
+    if "powers" not in regime.kept:
+        regime.kept["powers"] = _with_loads(regime)
+    work, loss = regime.kept["powers"]
 
-    def states(at: Array) -> tuple[Array, Array, Array]:
-        found = begin + regime.changes(begin[None], np.zeros(at.size, dtype=np.int64), at)
-        w, more = flat(found[:, :, :e]), np.zeros((2, at.size))
-        if stops is not None:
-            more += stops.work_and_loss(*regime.to_modes(found, shifted=True), found[:, :, :e])
-        return flat(found[:, :, e:]) + w @ regime.answers.steady.T, w, more
+    def power(at: Array, parts: list[Array], blocks: Array | None) -> Array:
+        states = begin + regime.changes(begin[None], np.zeros(at.size, dtype=np.int64), at)
+        y, w = flat(states[:, :, e:]), flat(states[:, :, :e])
+        total = _products(2.0 * (y @ parts[0]) + w @ parts[1], w)
+        return total if blocks is None else total + _products(_times(blocks, y.T).T, y)
 
-    def whole(at: Array) -> Array:
-        return np.asarray(begin + regime.changes(begin[None], np.zeros(at.size, dtype=np.int64), at))
-
-    def work(at: Array) -> Array:
-        if regime.sliding is not None:
-            return regime.sliding.work_and_loss(regime, whole(at))[0]
-        y, w, more = states(at)
-        return more[0] + _products(y @ regime.load_rows.T, w)
-
-    def loss(at: Array) -> Array:
-        if regime.sliding is not None:
-            return regime.sliding.work_and_loss(regime, whole(at))[1]
-        y, _, more = states(at)
-        return more[1] + _products(_times(regime.power, y.T).T, y)
-
-    of = regime.blocks.of
-    rate = 2.0 * float(of[FREQUENCY, e:].max(initial=0.0) + of[DELTA, e:].max(initial=0.0)) + 2.0 * of[
-        FREQUENCY, :e
-    ].max(initial=0.0)
-    return np.stack([quadrature(work, tau, rate) if e else np.zeros(tau.size), quadrature(loss, tau, rate)])
+    fastest = [of[FREQUENCY, e:].max(initial=0.0), of[DELTA, e:].max(initial=0.0), of[FREQUENCY, :e].max(initial=0.0)]
+    rate = 2.0 * float(sum(fastest))
+    return np.stack([
+        quadrature(lambda at: power(at, work, None), tau, rate) if e else np.zeros(tau.size),
+        quadrature(lambda at: power(at, loss, regime.power), tau, rate),
+    ])  # fmt: skip
 
 
 def lyapunov(delta: Array, p: Array, e: Array, q: Array, power: Array) -> Array:
@@ -309,19 +331,19 @@ def lyapunov(delta: Array, p: Array, e: Array, q: Array, power: Array) -> Array:
 
 def _of_loads(own: Array, omega: Array, bend: Integers, w: Array, segment: Integers, tau: Array) -> Array:
     """Return the integrals of ``w' own w`` from 0 to all tau, for load states w (2e, k) at the starts of segments."""
-    parts: list[tuple[int, float, int, Complex]] = []
-    for j, nu in enumerate(omega):
-        state, rate = w[j].astype(complex), w[omega.size + j]
-        if nu:
-            wave = state - 1j * rate / nu
-            parts += [(j, nu, 0, wave), (omega.size + j, nu, 0, 1j * nu * wave)]
-        else:
-            line = rate.astype(complex)
-            parts += [(j, 0.0, 0, state), (j, 0.0, 1, line), (omega.size + j, 0.0, 0, line)]
-            if bend[j] >= 0:
-                second, third = w[bend[j]].astype(complex), w[omega.size + bend[j]].astype(complex)
-                parts += [(j, 0.0, 2, 0.5 * second), (j, 0.0, 3, third / 6.0)]
-                parts += [(omega.size + j, 0.0, 1, second), (omega.size + j, 0.0, 2, 0.5 * third)]
+    e, bent = omega.size, np.flatnonzero(bend >= 0)
+    # Factors of s^power exp(i nu s), by nu and power.
+    parts: dict[tuple[float, int], Complex] = {}
+    for nu in np.unique(omega).tolist():
+        mine = np.flatnonzero(omega == nu)
+        state, rate, second, third = w[mine], w[e + mine], w[bend[bent]], w[e + bend[bent]]
+        wave = state - 1j * rate / nu if nu else state
+        terms = [(0, mine, wave), (0, e + mine, 1j * nu * wave if nu else rate)]
+        if not nu:
+            terms += [(1, mine, rate), (1, e + bent, second), (2, bent, second / 2.0), (2, e + bent, third / 2.0)]
+            terms += [(3, bent, third / 6.0)]
+        for power, at, factor in terms:
+            parts.setdefault((nu, power), np.zeros(w.shape, dtype=complex))[at] = factor
     moments: dict[tuple[int, float], Complex] = {}
 
     def moment(power: int, nu: float) -> Complex:
@@ -330,11 +352,13 @@ def _of_loads(own: Array, omega: Array, bend: Integers, w: Array, segment: Integ
         return moments[power, nu]
 
     total = np.zeros(tau.size)
-    for i, nu, power, x in parts:
-        for j, mu, other, y in parts:
-            if own[i, j] and np.any(x) and np.any(y):
-                both = (x * y)[segment] * moment(power + other, nu + mu)
-                total += 0.5 * own[i, j] * (both + (x * np.conj(y))[segment] * moment(power + other, nu - mu)).real
+    for (nu, power), x in parts.items():
+        pushed = own.T @ x
+        for (mu, other), y in parts.items():
+            both, apart = np.sum(pushed * y, axis=0), np.sum(pushed * np.conj(y), axis=0)
+            if np.any(both) or np.any(apart):
+                found = both[segment] * moment(power + other, nu + mu) + apart[segment] * moment(power + other, nu - mu)
+                total += 0.5 * found.real
     return total
 
 

@@ -282,13 +282,3 @@ class SlidingPiece(NamedTuple):
     def moves(self) -> bool:
         """Whether belts move stuck sliders, so that powers have terms beside those of the blocks."""
         return any(anchor.belt is not None for anchor in self.sliders.anchors)
-
-    def work_and_loss(self, regime: Any, states: Array) -> tuple[Array, Array]:
-        """Return the power of loads and belts, and that of dampers, W, each (k,), of states (k, 2, M)."""
-        _, v = regime.to_modes(states, shifted=True)
-        whole, e = states.reshape(len(states), -1), regime.loads
-        mine = np.flatnonzero(regime.function >= 0)
-        work = np.sum((v @ regime.vectors[regime.function[mine]].T) * states[:, 0, mine], axis=1)
-        work -= np.sum((whole @ self.forces.T) * (states[:, 1, :e] @ self.pushes.anchors.T), axis=1)
-        loss = np.sum(v.T * self.space.damping_force(v.T), axis=0)
-        return work, loss + (v @ self.space.contacts.T) ** 2 @ self.dampers

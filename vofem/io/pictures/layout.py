@@ -10,14 +10,12 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.bodies.base import Body, Point
 from vofem.io.pictures.places import is_line
 from vofem.io.pictures.snapshot import BodyState, Link, Snapshot
 from vofem.io.pictures.units import nice_below
-
-Array = NDArray[np.float64]
 
 #: Lengths in pixels of a picture of 1600 x 700; all are scaled together.
 BEAM_HALF, MASS_HALF, BAR, SPRING_ROOM, PAD, MOTION = 26.0, 34.0, 18.0, 74.0, 10.0, 170.0

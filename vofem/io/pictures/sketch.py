@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import number
+from vofem.arrays import Array
 from vofem.bodies import Beam
 from vofem.effects import Joint
 from vofem.errors import ArgumentError
@@ -29,8 +29,6 @@ from vofem.io.pictures.links import add_links
 from vofem.io.pictures.places import is_line
 from vofem.io.pictures.snapshot import Snapshot
 from vofem.io.pictures.units import length, nice_above, nice_below, prefixed, spell, three_digits
-
-Array = NDArray[np.float64]
 
 _SMALLEST, _LARGEST = 200, 8000
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import number
+from vofem.arrays import Array
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Point
 from vofem.bodies.path import place_at
@@ -29,7 +29,6 @@ from vofem.scene import Scene
 from vofem.statics import Equilibrium
 from vofem.system import CLOSED, OPEN, PINNED
 
-Array = NDArray[np.float64]
 #: A field along a beam, of x.
 Field = Callable[[Array, Beam], Array]
 
