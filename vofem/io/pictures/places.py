@@ -6,6 +6,7 @@ from typing import NamedTuple, TypeVar
 
 from vofem.bodies import Beam
 from vofem.bodies.base import Body
+from vofem.bodies.path import TravellingPoint
 from vofem.effects import Contact, Foundation, RigidStop
 from vofem.errors import ArgumentError
 from vofem.io.pictures.layout import is_line
@@ -25,7 +26,7 @@ class Place(NamedTuple):
 
 
 def along_beam(scene: Scene, beam: Body) -> list[Place]:
-    """Return the contacts of a beam or another line, those of a one-sided foundation at every node among them."""
+    """Return the contacts of a beam or another line, those of one-sided foundations too, but none that travel."""
     places = []
     held = set(scene.model.system.contacts.names) if scene.model.system.contacts is not None else set()
     for effect in scene.effects:
@@ -37,7 +38,8 @@ def along_beam(scene: Scene, beam: Body) -> list[Place]:
                 if effect.side == "below"
                 else effect.gap
             )
-            places += [Place(effect.name, p.x, surface) for p in effect.points() if p.body is beam]
+            own = [p for p in effect.points() if p.body is beam and not isinstance(p, TravellingPoint)]
+            places += [Place(effect.name, p.x, surface) for p in own]
         elif isinstance(effect, Foundation) and effect.beam is beam:
             nodes = [(f"{effect.name}[{node}]", float(x)) for node, x in enumerate(effect.beam.nodes)]
             places += [Place(name, x, -effect.gap) for name, x in nodes if name in held]
