@@ -556,3 +556,20 @@ def test_runs_of_one_scene_from_two_times_have_their_own_loads() -> None:
     before = run(scene, 1.0).displacement(block)
     np.testing.assert_array_equal(later(scene), later(vf.Scene(scene.bodies, scene.effects)))
     assert np.abs(later(scene) - before).max() > 0.1
+
+
+@pytest.mark.parametrize("stiffness", [None, 1e3], ids=["rigid", "spring"])
+def test_a_support_carries_what_a_slider_beside_it_takes(stiffness: float | None) -> None:
+    """At rest reaction, friction and load balance; a run that starts there says that it forgets the spring."""
+    beam = vf.Beam(1.0, 10.0, 0.5, 1, {"left": "clamped"}, name="beam")
+    pad = vf.Friction(beam.at(0.5), coefficient=0.5, normal=4.0, stiffness=stiffness, name="pad")
+    scene = vf.Scene([beam], [pad, vf.PointLoad(beam.at(1.0), 1.0), vf.RayleighDamping(5.0, 1e-2)])
+    result = run(scene, 20.0, np.array([0.3, 20.0]))
+    force, friction = result.reaction(beam, "left").force, result.frictions["pad"].force
+    assert abs(force[-1] - friction[-1] + 1.0) < 1e-12
+    steps = vf.simulate(scene, 0.3, method="energy_conserving", dt=1e-3, times=[0.3])
+    assert abs(steps.reaction(beam, "left").force[0] - force[0]) < 5e-3
+    notes = run(scene, 0.1, np.array([0.1]), initial=result).notes
+    assert [note.startswith("sliders: the spring of Friction 'pad' begins relaxed") for note in notes] == (
+        [] if stiffness is None else [True]
+    )

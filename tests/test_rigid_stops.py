@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import vofem as vf
+from vofem.io import plot
 
 pytestmark = pytest.mark.kernels("plain")
 
@@ -54,6 +55,8 @@ def test_a_bouncing_ball_follows_its_closed_form_until_it_rests() -> None:
     assert impacts.peak_force[-1] == pytest.approx(mass * G, rel=1e-12)
     assert any("accumulate" in note and "floor" in note for note in result.notes)
     assert balance(result) < 1e-14
+    # It has no stiffness to draw.
+    assert len(np.ravel(plot.time_history(result, ball))) == 1
     statistics = result.contacts["floor"].statistics()
     # The mean force carries the weight: momentum changes by nothing over the whole run.
     assert statistics.impulse == pytest.approx(mass * G * 4.0, rel=1e-12)

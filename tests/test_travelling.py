@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import vofem as vf
+from vofem.io import plot
 
 DATA = Path(__file__).parent / "data" / "moving"
 
@@ -338,3 +339,24 @@ def test_contacts_that_travel_are_refused_where_they_must_be_and_drawn():
 
     links = snapshots(result, np.array([0.25]))[0].links
     assert links[0].a.x == pytest.approx(0.25)
+
+
+def test_supports_carry_what_travels_beside_them():
+    """A slow wheel beside a support; a travelling spring there leaves the reaction open."""
+    beam = vf.Beam(4.0, EI=1e6, rhoA=1.0, elements=4, supports=ENDS, name="beam")
+    wheel = vf.Mass(1.0, damping=5.0, name="wheel")
+    tyre = vf.Contact(beam.along(vf.Path(1.0)), wheel, gap=0.0, stiffness=1e4, acts_on="penetration", name="tyre")
+    effects = [tyre, vf.PointLoad(wheel, -100.0), vf.RayleighDamping(20.0, 1e-4)]
+    scene = vf.Scene([beam, wheel], effects, initial={wheel: (-0.01, 0.0)})
+    result = vf.simulate(scene, 1.0, times=[0.3, 0.6, 0.9], method="energy_conserving", dt=1e-3)
+    left, right = (result.reaction(beam, end).force for end in ("left", "right"))
+    np.testing.assert_allclose(left + right, result.contacts["tyre"].force, rtol=1e-3)
+    np.testing.assert_allclose(left, 100.0 * (1.0 - result.times / 4.0), rtol=2e-2)
+    # Pictures leave out where the contact is on the beam, which no place at rest shows.
+    upper, lower = np.ravel(plot.time_history(result, wheel))
+    assert [line.get_label() for line in lower.lines] == ["tyre"]
+    assert not any("closes" in str(line.get_label()) for line in upper.lines)
+    assert not plot.shapes(result, [0.6]).get_legend_handles_labels()[1][1:]
+    spring = vf.Spring(beam.along(vf.Path(1.0)), stiffness=1e3)
+    held = vf.simulate(vf.Scene([beam], [spring]), 1.5, times=[0.5, 1.4], method="energy_conserving", dt=1e-2)
+    np.testing.assert_array_equal(np.isnan(held.reaction(beam, "left").force), [True, False])

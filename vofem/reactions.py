@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from vofem.arrays import Array
 from vofem.assembly import Model
 from vofem.bodies.base import Body
 from vofem.integrators.base import Sampled
+from vofem.laws.moving import Moving
 
 
 def support_reaction(
@@ -18,21 +20,20 @@ def support_reaction(
     where: Any,
     times: Array,
     samples: Sampled,
-    contact_force: Array | None,
+    forces: Sequence[Array | None],
     modes: tuple[Array, Array] | None = None,
-    spring_force: Array | None = None,
 ) -> tuple[Array, Array]:
     """Return force (N) and moment (N m) that a support exerts, each of shape (n_times,).
 
+    `forces`: of the laws of each group in N, shape (n_laws, n_times); None where they are not known.
     `modes`: squared frequencies and shapes that modal damping acts on; all modes where not given.
-    `spring_force` (shape (n_springs, n_times)): forces of hysteretic springs, those of springpots last, N.
     Raises `ArgumentError` if there is no support at that place.
     """
     result = np.zeros((2, times.size))
     for dof in body.supported_at(where).tolist():
         row = model.unknowns.support_row(model.offsets[body] + dof, model.size)
         kind = int(body.degrees_of_freedom.rotation[dof])
-        result[kind] += residual(model, row, times, samples, contact_force, modes, spring_force)
+        result[kind] += residual(model, row, times, samples, forces, modes)
     return result[0], result[1]
 
 
@@ -41,9 +42,8 @@ def residual(
     weights: Any,
     times: Array,
     samples: Sampled,
-    contact_force: Array | None,
+    forces: Sequence[Array | None],
     modes: tuple[Array, Array] | None,
-    spring_force: Array | None,
 ) -> Array:
     """Return ``w.(M a + C v + K q - f + forces of laws)``, shape (n_times,), w being a row, csr_matrix (1, N).
 
@@ -76,23 +76,21 @@ def residual(
         share = float((weights @ vector)[0])
         if share:
             value = value - share * load.function(times)
-    recorded = 0
-    for rows, group in zip(model.law_rows, system.laws, strict=True):
-        column = _shares(rows, weights)
-        first, recorded = recorded, recorded + len(group) * group.recorded
-        if not np.any(column):
+    for rows, group, known in zip(model.law_rows, system.laws, forces, strict=True):
+        shares = _shares(model, rows, group.moving, weights, times)
+        if not np.any(shares):
             continue
-        if group is system.contacts:
-            assert contact_force is not None
-            value = value + column @ contact_force
-        elif group.recorded:
-            assert spring_force is not None
-            value = value + column @ spring_force[first:recorded]
-        else:
-            value = value + column @ group.reactions(np.asarray(group.rows @ samples.q))
+        value = value + np.sum(np.where(shares, np.nan, 0.0) if known is None else shares * known, axis=0)
     return value
 
 
-def _shares(rows: Any, weights: Any) -> Array:
-    """Return by how much the force of each law counts, shape (n_laws,)."""
-    return np.asarray((rows @ weights.T).todense())[:, 0]
+def _shares(model: Model, rows: Any, moving: Moving | None, weights: Any, times: Array) -> Array:
+    """Return by how much the force of each law counts, shape (n_laws, 1), or (n_laws, n_times) if some travel."""
+    shares = np.asarray((rows @ weights.T).todense())
+    if moving is None or not moving.riders:
+        return shares
+    shares, every = np.repeat(shares, times.size, axis=1), weights.toarray()[0]
+    for law, rider in moving.riders.items():
+        dofs, parts = rider.track.cubics(rider.start + times)
+        shares[law] += rider.sign * np.sum(parts * every[model.offsets[rider.track.body] + dofs], axis=1)
+    return shares

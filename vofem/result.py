@@ -169,7 +169,7 @@ class Result(Shown, Motion):
         """Return the force and the moment of a support on a body at `times`, or at times t.
 
         They are computed from the equations of motion of the supported degrees of freedom, and include inertia and
-        damping.
+        damping. They are NaN while a spring, dashpot or mass that travels passes the element beside the support.
 
         Parameters
         ----------

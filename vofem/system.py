@@ -220,8 +220,10 @@ class System:
 
     @property
     def without_past(self) -> tuple[str, ...]:
-        """Names of laws, such as springpots, with whose past at the end of a run no other run can start."""
-        return tuple(name for group in self.laws if not group.past_is_kept for name in group.names)
+        """Names of springpots and of sliders with a spring, with whose past no other run can start."""
+        lost = tuple(name for group in self.laws if not group.past_is_kept for name in group.names)
+        sliders = () if self.sliders is None else self.sliders.laws
+        return lost + tuple(law.name for law in sliders if np.isfinite(law.stiffness))
 
     @property
     def travelling(self) -> str | None:

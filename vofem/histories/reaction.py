@@ -54,16 +54,27 @@ def joint_force_of(run: Run, name: str, t: ArrayLike | None, samples: Sampled) -
     return Reaction(parts[0], parts[1])
 
 
-def _state(run: Run, label: str, t: ArrayLike | None, samples: Sampled) -> tuple[Array, Sampled, Any, Any, Any]:
-    """Return times, the motion, forces of contacts, modes, and forces of hysteretic springs."""
+def _state(
+    run: Run, label: str, t: ArrayLike | None, samples: Sampled
+) -> tuple[Array, Sampled, list[Array | None], Any]:
+    """Return times, the motion, forces of each group of laws (None where they are not known), and modes."""
     times = run.times if t is None else np.atleast_1d(np.asarray(t, dtype=float))
-    system = run.model.system
-    force = None
-    if system.contacts is not None:
-        force = run.contact_samples.force if t is None else run.solution.contacts(times).force
-    modes = run.solution.modes if system.modal_damping is not None else None
-    remembers = any(group.recorded for group in system.laws)
-    return times, samples, force, modes, _spring_force(run, label, t) if remembers else None
+    system, solution = run.model.system, run.solution
+    forces: list[Array | None] = []
+    recorded = 0
+    for group in system.laws:
+        if group is system.contacts:
+            forces.append(run.contact_samples.force if t is None else solution.contacts(times).force)
+        elif group is system.sliders:
+            sliding: Any = solution
+            forces.append(sliding.friction(times).force)
+        elif group.recorded:
+            forces.append(_spring_force(run, label, t)[recorded : recorded + len(group)])
+            recorded += len(group)
+        else:
+            known = group.travelling is None
+            forces.append(group.reactions(samples.along(group.rows, "q")) if known else None)
+    return times, samples, forces, solution.modes if system.modal_damping is not None else None
 
 
 def _spring_force(run: Run, label: str, t: ArrayLike | None) -> Array:

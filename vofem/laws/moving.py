@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 class Track(Protocol):
     """A point that travels, as `vofem.bodies.TravellingPoint` offers it."""
 
+    body: Any
+
     def cubics(self, t: Array, derivative: int = 0) -> tuple[NDArray[np.int64], Array]:
         """Return degrees of freedom and weights of a derivative of the displacement by x, each (k, 4)."""
 

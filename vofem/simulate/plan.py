@@ -39,7 +39,7 @@ class Plan:
     probes: ProbeRows | None
     start: State | None = None  #: State with which the run begins instead of the scene's initial state.
     t_start: float = 0.0  #: Time of the loads in s at which the run begins.
-    forgotten: tuple[str, ...] = ()  #: Names of springpots whose past is not carried on.
+    forgotten: tuple[str, ...] = ()  #: Names of springpots and sliders whose past is lost.
     compiled: bool | None = None  #: Whether kernels are compiled. Without it this is decided when the run begins.
 
 
@@ -125,9 +125,13 @@ def _run(scene: Scene, plan: Plan, observer: RunProgress | None, snapshot: dict[
     if not method.exact and "tol" in plan.options:
         solution.notes.extend(note_cost(model.system, plan.t_end, plan.options["tol"], solution.counters.steps))
     if plan.forgotten and snapshot is None:
+        name, sliders = plan.forgotten[0], model.system.sliders
         solution.notes.append(
-            f"springpots: Springpot {plan.forgotten[0]!r} begins without the past that it has in the earlier run, at "
+            f"springpots: Springpot {name!r} begins without the past that it has in the earlier run, at "
             "rest in its place; vofem.resume carries it on"
+            if sliders is None or name not in sliders.names
+            else f"sliders: the spring of Friction {name!r} begins relaxed, without the force that it has in the "
+            "earlier run; vofem.resume carries it on"
         )
     recorded = _recorded(plan.probes, solution)
     return Result(

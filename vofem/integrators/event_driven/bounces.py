@@ -48,16 +48,25 @@ def bounces_of(laws: ContactLaws, rows: Array, record: Record, events: Events) -
     mine = (
         np.flatnonzero(laws.rigid[events.contact] & (events.status != OPEN)) if events.time.size else np.zeros(0, int)
     )
-    # Segments that begin at the same time are those before its bounces, in order, and the one that lasts.
-    bounced = events.status[mine] == CLOSED
-    times = events.time[mine]
-    earlier = np.cumsum(bounced) - bounced
-    earlier -= earlier[np.searchsorted(times, times, side="left")]
-    segment = np.searchsorted(record.starts, times, side="left") + earlier
-    values = np.zeros((5, mine.size))
-    for k, (index, j) in enumerate(zip(segment.tolist(), events.contact[mine].tolist(), strict=True)):
-        velocity = record.state(index)[1]
+    times, bounced = events.time[mine], events.status[mine] == CLOSED
+    # Segments may begin at the same time though they last: their durations are below the rounding of times.
+    begins = np.searchsorted(record.starts, times, side="left").tolist()
+    segment = np.zeros(mine.size, dtype=np.int64)
+    values, last = np.zeros((5, mine.size)), 0
+    for k, j in enumerate(events.contact[mine].tolist()):
+        last = max(last, begins[k])
+        index = last
+        while index + 1 < record.segments and record.starts[index + 1] == times[k]:
+            if not bounced[k] and record.status(index)[j] == PINNED:
+                break
+            velocity = record.state(index)[1]
+            after = struck(rows[j], laws.restitution[j], velocity)
+            if bounced[k] and rows[j] @ velocity > 0.0 and np.array_equal(after, record.state(index + 1)[1]):
+                break
+            index += 1
+        segment[k], velocity = index, record.state(index)[1]
         if bounced[k]:
+            last = index + 1
             e, inverse, speed = laws.restitution[j], rows[j] @ rows[j], rows[j] @ velocity
             pressed = 0.5 * speed**2 / inverse
             values[:, k] = speed, e * speed, (1.0 + e) * speed / inverse, pressed, (1.0 - e**2) * pressed

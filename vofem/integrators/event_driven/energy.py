@@ -45,6 +45,9 @@ _MORE = 4.0
 
 _EPS = float(np.finfo(float).eps)
 
+#: A determinant, 1/s^4, below which its inverse overflows.
+_NOTHING = 1e-290
+
 #: Taylor coefficients of the integral of ``s exp(x s)`` from 0 to 1; enough for |x| < 0.5.
 _RAMP_SERIES = np.array([1.0 / (math.factorial(k) * (k + 2)) for k in range(16)])
 
@@ -318,7 +321,7 @@ def lyapunov(delta: Array, p: Array, e: Array, q: Array, power: Array) -> Array:
     d, e, p, q = delta[:, None], e[None, :], p[:, None], q[None, :]
     s, apart, both = 2.0 * (d + e), p - q, 2.0 * (d * q + e * p)
     determinant = apart**2 + s * both
-    known = determinant > 0.0
+    known = determinant > _NOTHING
     scale = np.where(known, 1.0 / np.where(known, determinant, 1.0), 0.0)
     twist = vz - zv
     g = (s * zz - apart * twist + both * vv) * scale

@@ -9,6 +9,7 @@ import numpy as np
 
 from vofem.arrays import Array
 from vofem.bodies.base import Point
+from vofem.bodies.path import TravellingPoint
 from vofem.effects import Contact, RigidStop
 from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
@@ -42,7 +43,8 @@ def time_history(
 ) -> Any:
     """Draw the displacement of points over time, and the stiffness K_eq of contacts below it.
 
-    Times at which a contact is closed are shaded. A dashed line shows the displacement at which it closes. A motion
+    Times at which a contact is closed are shaded. A dashed line shows the displacement at which it closes, but for
+    contacts that travel. A motion
     with very many oscillations would be a solid block, so its envelope is drawn: the least and the largest displacement
     in each of up to 400 parts of the window. Below it is then the share of each part in which contacts are closed.
 
@@ -72,8 +74,10 @@ def time_history(
     points = _points(point)
     runs = result if isinstance(result, Mapping) else {points[0].describe() if len(points) == 1 else "": result}
     contacts, count = [_contacts(run, points, contact) for run in runs.values()], len(runs)
-    # K_eq is drawn below the displacements, unless the user gave no axes for it.
-    below = any(contacts) and (ax is None or np.size(np.asarray(ax, dtype=object)) > count)
+    # K_eq is drawn below the displacements, unless the user gave no axes for it. Rigid stops have none.
+    below = any(isinstance(c, Contact) for own in contacts for c in own) and (
+        ax is None or np.size(np.asarray(ax, dtype=object)) > count
+    )
     views = [
         _Run(title, run, points, own, window, envelope)
         for (title, run), own in zip(runs.items(), contacts, strict=True)
@@ -183,6 +187,8 @@ class _Run:
         factor, _ = prefixed(most, "N/m")
         stiffness = self._run.solution.contacts(self.times).stiffness[self._laws]
         for index, (contact, values) in enumerate(zip(self.contacts, stiffness, strict=True)):
+            if isinstance(contact, RigidStop):
+                continue
             line = {"drawstyle": "steps-post", "linewidth": stroke(1.4)}
             axes.plot(self.times, values / factor, color=self._color(index), label=contact.name, **line)
         axes.set_ylim(0.0, 1.1 * most / factor)
@@ -229,7 +235,9 @@ def _distance(one: Point, other: Point) -> float:
 def _at(contact: Contact | RigidStop, point: Point) -> bool:
     """Return whether a contact touches its body at a point."""
     return any(
-        p.body.name == point.body.name and np.isclose(p.x, point.x, rtol=1e-9, atol=0.0) for p in contact.points()
+        p.body.name == point.body.name and np.isclose(p.x, point.x, rtol=1e-9, atol=0.0)
+        for p in contact.points()
+        if not isinstance(p, TravellingPoint)
     )
 
 
@@ -260,6 +268,8 @@ def _surface(
     """Return the displacement of the point, where it lies on the contact, at which the contact closes."""
     point = next((point for point in points if _at(contact, point)), None)
     if point is None or contact.of != "displacement" or (contact.b is not None and enveloped):
+        return None
+    if any(isinstance(p, TravellingPoint) for p in contact.points()):
         return None
     if contact.b is None:
         return np.full(times.shape, -contact.gap if contact.side == "below" else contact.gap)

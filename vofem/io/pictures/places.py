@@ -6,6 +6,7 @@ from typing import NamedTuple, TypeVar
 
 from vofem.bodies import Beam
 from vofem.bodies.base import Body
+from vofem.bodies.path import TravellingPoint
 from vofem.effects import Contact, Foundation, RigidStop
 from vofem.errors import ArgumentError
 from vofem.scene import Scene
@@ -29,12 +30,13 @@ class Place(NamedTuple):
 
 
 def along_beam(scene: Scene, beam: Body) -> list[Place]:
-    """Return the contacts of a beam or another line, those of a one-sided foundation at every node among them."""
+    """Return the contacts of a beam or another line, those of one-sided foundations too, but none that travel."""
     places = []
     for contact in all_contacts(scene):
         fixed = contact.b is None and contact.of != "rotation"
         surface = (-contact.gap if contact.side == "below" else contact.gap) if fixed else None
-        places += [Place(contact.name, point.x, surface) for point in contact.points() if point.body is beam]
+        own = [p for p in contact.points() if p.body is beam and not isinstance(p, TravellingPoint)]
+        places += [Place(contact.name, point.x, surface) for point in own]
     return places
 
 
