@@ -91,10 +91,11 @@ def coordinates(result):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_the_loop_does_what_plain_python_does(name, monkeypatch):
-    """In plain Python each status is a table of its own, from which the loop returns at every event."""
+    """Plain Python returns from the loop after every segment."""
     build, t_end = SCENES[name]
     by_loop = run(build(), t_end)
-    monkeypatch.setattr(follow, "MOST_MODES", 0)
+    monkeypatch.setattr(follow, "FIRST_CALL", 1)
+    monkeypatch.setattr(follow, "MOST", 1)
     counts = counted(monkeypatch)
     by_steps = vf.simulate(
         build(), t_end, method="event_driven", times=np.linspace(0.0, t_end, 61), compiled=False
@@ -170,7 +171,8 @@ def flow_of(scene):
 def test_flows_are_those_of_single_steps(monkeypatch):
     build = SCENES["beam, damped"][0]
     by_loop = flow_of(build())
-    monkeypatch.setattr(follow, "MOST_MODES", 0)
+    monkeypatch.setattr(follow, "FIRST_CALL", 1)
+    monkeypatch.setattr(follow, "MOST", 1)
     counts = counted(monkeypatch)
     by_steps = flow_of(build())
     assert counts["calls"] >= 4

@@ -125,7 +125,7 @@ class Pieces(NamedTuple):
         Steady answers of the blocks.
     push : ndarray, shape (s, n)
         Modal forces of sliders that slide; empty without sliders.
-    work, bits : ndarray, shapes (6, M) and (M,)
+    work : ndarray, shape (7, M)
         Work space.
     response : Response
     """
@@ -139,7 +139,6 @@ class Pieces(NamedTuple):
     steady: Array
     push: Array
     work: Array
-    bits: IntArray
     response: Response
 
 
@@ -219,7 +218,6 @@ def pieces(regimes: Sequence[Regime], loads: Exosystem, n: int) -> Pieces:
         of[k, :, : e + m], pairs[k] = blocks.of, blocks.pair.shape[0]
         pair[k, : pairs[k]], gain[k, : pairs[k]] = blocks.pair, blocks.gain
         steady[k, :, :m] = regime.answers.steady.reshape(2, m, 2 * e)
-    work, bits = np.empty((6, e + n)), np.zeros(e + n, dtype=np.int64)
     push = np.zeros((0, n))
     if regimes[0].sliding is not None:
         push = np.array([regime.sliding.pushes.sources[:, 0] for regime in regimes if regime.sliding is not None])
@@ -232,8 +230,7 @@ def pieces(regimes: Sequence[Regime], loads: Exosystem, n: int) -> Pieces:
         gain,
         steady.reshape(s, 2 * n, 2 * e),
         push,
-        work,
-        bits,
+        np.empty((7, e + n)),
         response(False),
     )
 
@@ -301,9 +298,9 @@ def _block_changes(
     r = loads.pairs[s]
     of, pair, gain = loads.of[s], loads.pair[s, :r], loads.gain[s, :r]
     if groups is None:
-        change(Blocks(of, pair, gain, None, loads.work, loads.bits, loads.response), begin, tau, moved)
+        change(Blocks(of, pair, gain, None, loads.work, loads.response), begin, tau, moved)
     else:
-        change(Blocks(of, pair, gain, groups[s], loads.work, loads.bits, loads.response), begin, tau, moved)
+        change(Blocks(of, pair, gain, groups[s], loads.work, loads.response), begin, tau, moved)
     steady = _answered(loads.steady[s], moved[:, :e])
     return (moved[0, e:] + steady[:n]).reshape(n, 1), (moved[1, e:] + steady[n:]).reshape(n, 1)
 
@@ -331,7 +328,7 @@ def _rates(structure: Structure, maps: Maps, loads: Pieces, s: int, time: float,
 
 
 @jit
-def _turned(delta: Array, p: Array, t: float, z: Array, v: Array) -> tuple[Array, Array]:
+def turned(delta: Array, p: Array, t: float, z: Array, v: Array) -> tuple[Array, Array]:
     """Return free block states, each (n, k), after a time."""
     after_z, after_v = np.empty_like(z), np.empty_like(v)
     for i in range(p.size):
@@ -342,7 +339,7 @@ def _turned(delta: Array, p: Array, t: float, z: Array, v: Array) -> tuple[Array
     return after_z, after_v
 
 
-@plain_form(_turned)
+@plain_form(turned)
 def _turned_at_once(delta: Array, p: Array, t: float, z: Array, v: Array) -> tuple[Array, Array]:
     """Do what `_turned` does, for all blocks at once."""
     c, s = np.empty((p.size, 1)), np.empty((p.size, 1))
@@ -399,7 +396,7 @@ def _columns_after(
         first -= maps.carry[s] @ columns[:n].copy()
     z, v = _into_blocks(maps, s, first, columns[n:].copy())
     delta, p = maps.delta[s], maps.p[s]
-    after_z, after_v = _turned(delta, p, duration, z, v)
+    after_z, after_v = turned(delta, p, duration, z, v)
     if duration != 0.0:
         turn, sine = _mean_weights(delta, p, duration)
     else:

@@ -12,10 +12,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.errors import EventStormError
-from vofem.integrators.event_driven.blocks import ready
+from vofem.integrators.event_driven.blocks import response
 from vofem.integrators.event_driven.bounces import REST, struck
 from vofem.integrators.event_driven.regime import Regime
-from vofem.integrators.event_driven.search import EventFunctions, exact_cut, march, search_space
+from vofem.integrators.event_driven.search import (
+    BEGINNING,
+    CONSTANTS,
+    FUNCTION_ROWS,
+    HIT,
+    ROWS,
+    SPARE,
+    START,
+    march,
+)
 from vofem.integrators.event_driven.sliders import UP
 from vofem.integrators.event_driven.sliding import SlidingSolution
 from vofem.integrators.event_driven.solution import EventSolution
@@ -131,13 +140,17 @@ class Walker:
         if leaving.any():
             # What leaves its stop without speed, as forces slowly change their signs, is not followed from nothing.
             level += np.where(leaving, self._forces()[exits.owner] * (_NEAR * duration) ** 2, 0.0)
-        m, first = begin.shape[1], regime.loads
-        terms = EventFunctions(exits.rows, exits.sizes, start, level, first, m if regime.mixed else first)
-        space = search_space(m, start.size)
-        tau, evaluations = march(terms, ready(regime.blocks), regime.levels, begin, duration, space)
+        blocks, first, m = regime.blocks, regime.loads, begin.shape[1]
+        x, f, spare = np.empty((ROWS, m)), np.empty((FUNCTION_ROWS, start.size)), np.empty(SPARE)
+        x[:START], x[START : START + 2] = blocks.of, begin
+        f[BEGINNING], f[CONSTANTS] = start, level
+        tau, evaluations = march(
+            x, f, exits.rows, exits.sizes, regime.levels, blocks.pair, blocks.gain,
+            response(blocks.pair.size > 0).address, blocks.group, first, m if regime.mixed else first, self.time,
+            duration, spare,
+        )  # fmt: skip
         self.solution.counters.gap_evaluations += evaluations * len(self._laws)
-        hits = np.flatnonzero(space.hits)
-        return (exact_cut(self.time, tau) if not hits.size and tau < duration else tau), hits
+        return tau, np.flatnonzero(f[HIT])
 
     def _start_sliders(self, regime: Regime, start: Array, level: Array, own: Status, duration: float) -> None:
         """Fill in values of the event functions of sliders at the start, and sizes of their constants."""
