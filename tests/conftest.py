@@ -20,7 +20,7 @@ FIRST = (
     "checkpoints", "tolerance_and_stops", "harmonic_balance", "locus", "storage", "fitting", "populations", "own_law",
     "statuses", "friction", "large_systems", "kernel_modes", "generalized_alpha", "many_contacts", "sweep",
     "condensed_orbits", "docs", "springpot_runs", "event_loop", "damping_and_energy", "compiled_cache", "examples",
-    "probes", "statuses", "cli", "crash_safety", "pictures", "backbone", "notes_and_times",
+    "probes", "cli", "crash_safety", "pictures", "backbone", "notes_and_times",
 )  # fmt: skip
 
 
