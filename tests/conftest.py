@@ -17,9 +17,10 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "default"))
 #: and those of methods that step in time. Two workers that begin with them compile few kernels twice.
 FIRST = (
     "random_scenes", "energy_conserving", "pinned", "hysteresis_in_time", "continuation", "springpot", "verification",
-    "checkpoints", "harmonic_balance", "large_systems", "kernel_modes", "generalized_alpha", "many_contacts", "sweep",
+    "checkpoints", "tolerance_and_stops", "harmonic_balance", "locus", "storage", "fitting", "populations", "own_law",
+    "statuses", "friction", "large_systems", "kernel_modes", "generalized_alpha", "many_contacts", "sweep",
     "condensed_orbits", "docs", "springpot_runs", "event_loop", "damping_and_energy", "compiled_cache", "examples",
-    "probes", "statuses", "cli", "crash_safety", "pictures", "backbone", "notes_and_times",
+    "probes", "cli", "crash_safety", "pictures", "backbone", "notes_and_times",
 )  # fmt: skip
 
 

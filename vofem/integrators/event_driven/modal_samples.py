@@ -88,7 +88,8 @@ class _Some(ModalSamples):
     def _of(self, kind: str) -> Array:
         whole, modal = self._whole, self._whole._modal(kind)
         few = modal.size <= _MANY or 2 * self._dofs.size > len(whole._shapes) or kind == "a"
-        if kind in whole.__dict__ or (few and not whole._fewer):
+        # Of fewer modes parts are always computed apart, so that their bits do not depend on what was asked before.
+        if (few or kind in whole.__dict__) and not whole._fewer:
             return np.asarray(getattr(whole, kind)[self._dofs])
         return np.asarray(whole._shapes[self._dofs] @ modal)
 

@@ -140,6 +140,8 @@ class EventSolution:
         # The modes of the file are those of all runs of this system.
         system.cache.get("modal space", None, lambda: space)
         solution = cls(system, space, t_end, times, Counters())
+        # Answers count their work apart from that of the run.
+        _ = solution.linear
         solution.counters, solution.notes = counters, notes
         record = solution.record
         record.fill(segments, events.time, events.contact, events.status)
