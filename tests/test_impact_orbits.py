@@ -147,3 +147,12 @@ def test_an_orbit_over_two_periods_is_found_from_rest() -> None:
     # Beyond the grazing the stop is hit twice.
     assert len(down.orbits[-1].result.contacts["stop"].impacts) == 2
     assert down.orbits[-1].residual < 1e-8
+
+
+def test_loci_of_grazings_and_doublings_follow_the_closed_form() -> None:
+    """Both special points over the frequency as well."""
+    branch = vf.continuation(lambda gap: oscillator(2.6, gap), 0.3, -0.1)
+    other = closed(2.4)
+    for mark, expected in zip(branch.special, (other.amplitude, other.gap_at(-1.0)), strict=True):
+        locus = vf.locus(lambda gap, omega: oscillator(omega, gap), mark, 2.6, 2.4)
+        np.testing.assert_allclose(locus.values[-1], [expected, 2.4], rtol=1e-10)

@@ -423,8 +423,9 @@ class Signature:
         if laws is None:
             return True
         used = sorted({contact for contact, _ in self.switches})
-        slide = any(status > PINNED for _, status in self.switches)
-        return not (slide or np.any((laws.jump & (laws.gap > 0.0) | laws.rigid)[used] | (laws.damping[used] > 0.0)))
+        if max(self.struck, default=-1) >= 0 or any(status > PINNED for _, status in self.switches):
+            return False
+        return not np.any((laws.jump & (laws.gap > 0.0))[used] | (laws.damping[used] > 0.0))
 
     def _switching(self, problem: Shooting, path: Path) -> tuple[Array, Array, Array]:
         """Return the equations of k switches: values (k,), derivatives (k, columns), and sizes to compare with (k,)."""
