@@ -93,10 +93,19 @@ def test_two_damped_contacts_that_switch_at_once():
         assert known.multipliers == pytest.approx(again.multipliers, abs=1e-8)
 
 
-@pytest.mark.parametrize("ends", [(0.5, 1.3), (0.95, 0.5)])
-def test_forces_that_jump_at_both_stops(ends):
-    """There orbits that touch one stop or both begin: the branch ends at the grazing, and a note says why."""
+def test_forces_that_jump_at_both_stops():
+    """The linear response reaches both stops in closed form; the branch goes on with orbits that touch both."""
     branch = vf.continuation(lambda omega: between_two_stops(omega, "displacement"), 0.5, 1.3)
-    assert [s.kind for s in branch.special] == ["grazing", "grazing"]
-    assert branch.values[-1] == pytest.approx(branch.special[0].value, abs=1e-12)
-    assert any("'above' and 'below'" in note and "guess=" in note for note in branch.notes)
+    assert branch.values[-1] == 1.3
+    grazings = [s for s in branch.special if s.kind == "grazing"]
+    assert sorted(s.contact for s in grazings) == ["above", "below"]
+    for point in grazings:
+        assert 0.2 / abs(1.0 - point.value**2 + 0.1j * point.value) == pytest.approx(0.5, abs=1e-12)
+    later = [orbit for orbit in branch.orbits if orbit.omega > 0.79]
+    for orbit in later[:: len(later) // 3]:
+        assert [contact.closings.size for contact in orbit.result.contacts.values()] == [1, 1]
+        assert closes(orbit.scene, orbit) < 1e-10
+    # Orbits that are no mirror images of themselves branch off farther on.
+    (point,) = (s for s in branch.special if s.kind == "branch_point")
+    critical = point.orbit.multipliers[np.argmin(np.abs(point.orbit.multipliers - 1.0))]
+    assert critical == pytest.approx(1.0, abs=1e-7)

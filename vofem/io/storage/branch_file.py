@@ -31,10 +31,11 @@ from vofem.studies.steady.family import Family
 from vofem.studies.steady.follow import Follower
 from vofem.studies.steady.harmonic_balance import harmonics_in
 from vofem.studies.steady.methods import problem_of
-from vofem.studies.steady.near import CLOSES, signature_at
+from vofem.studies.steady.near import signature_at
 from vofem.studies.steady.orbit import OrbitTruncation
 from vofem.studies.steady.point import Interval
 from vofem.studies.steady.shooting import Shooting, orbit_result
+from vofem.studies.steady.signature import CLOSES
 from vofem.studies.steady.steady_state import as_guess
 from vofem.system import State
 

@@ -188,17 +188,6 @@ def counted(which: int, middle: float) -> Test:
     return test
 
 
-def outside(point: Point) -> int:
-    """Return the number of multipliers beyond the unit circle; 0 if the method does not compute them."""
-    values = multipliers(point)
-    return 0 if values is None else int(np.sum(_beyond(values)))
-
-
-def modulus(place: int) -> Test:
-    """Return how far the multiplier at a place in the order of decreasing modulus lies outside the unit circle."""
-    return lambda point: float(np.sort(np.abs(multipliers(point)))[::-1][place]) - 1.0  # type: ignore[arg-type]
-
-
 def kind_of(point: Point) -> str:
     """Return the kind of a special point at which a multiplier lies on the unit circle."""
     values = multipliers(point)

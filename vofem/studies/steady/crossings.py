@@ -7,7 +7,7 @@ searched where a parabola through three orbits of the branch comes near zero, un
 
 from __future__ import annotations
 
-import itertools
+import contextlib
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -23,11 +23,8 @@ from vofem.studies.steady.census import (
     collision,
     counted,
     determinant,
-    kind_of,
-    modulus,
     multipliers,
     orientation,
-    outside,
     pair,
     pairs_at_one,
     real_at,
@@ -74,11 +71,12 @@ _ROUNDING = 1e-9
 #: Steps of Newton's method to a branch point, and how far it may lie from where it was seen, in scaled coordinates.
 _NEWTON, _NEARBY = 12, 1e-3
 
-#: How near to a special point, as a share of its part of the step, its neighbours are compared.
-_BESIDE = 0.02
+#: How near to a special point, as a share of its part of the step, its neighbours are compared, and how near to it the
+#: parts on both sides begin; the first of these is taken at which it shows.
+_BESIDE, _MARGINS = 0.02, (1e-6, 1e-4, 1e-2)
 
-#: The same, where other special points may hide between a special point and the ends of its part.
-_AROUND = (0.5, 0.1, 0.02)
+#: Parts of a step that are looked at, and the share of it that is not divided any more.
+_MOST_PARTS, _NARROW = 60, 1e-6
 
 
 @dataclass(frozen=True)
@@ -165,56 +163,63 @@ def _tests(middle: Point) -> list[tuple[set[str], Test]]:
 
 
 def _found(family: Family, interval: Interval, step: Step, cut: float | None) -> list[SpecialPoint]:
-    whole = _Part(step)
-    parts = [whole]
+    """Return the special points of a step; each part of it that still shows a change beside them is looked at again."""
+    parts = [_Part(step)]
+    if cut is not None:
+        with contextlib.suppress(ConvergenceError):
+            parts = list(parts[0].cut(family, interval, cut))
+    found: list[SpecialPoint] = []
+    for _ in range(_MOST_PARTS):
+        if not parts:
+            break
+        part = parts.pop()
+        if not _changed(part.step):
+            continue
+        inside = sorted(_single(family, interval, part.step), key=lambda one: one.place)
+        found += part.placed(inside)
+        if part.high - part.low > _NARROW:
+            parts += _beside(family, interval, part, inside)
+    return sorted(found, key=lambda one: one.place)
+
+
+def _beside(family: Family, interval: Interval, part: _Part, found: list[SpecialPoint]) -> list[_Part]:
+    """Return the parts before, between and after the special points of a part, or its halves where it has none."""
     try:
-        if cut is not None:
-            parts = list(whole.cut(family, interval, cut))
+        if not found:
+            return list(part.cut(family, interval, 0.5))
+        # Beside a branch point the equations are nearly singular, and rounding is large.
+        margins = {one.place: (_BESIDE,) if one.kind == "branch_point" else _MARGINS for one in found}
+        known = {one.place: one.point for one in found}
+        places = sorted(known)
+        points, shares = [part.step.first], [0.0]
+        for before, place, after in zip([0.0, *places[:-1]], places, [*places[1:], 1.0], strict=True):
+            for margin in margins[place]:
+                ends = place - min(margin, 0.5 * (place - before)), place + min(margin, 0.5 * (after - place))
+                sides = [point_between(family, part.step, interval, end, known, tolerance=TOLERANCE) for end in ends]
+                if _changed(Step(*sides)):
+                    break
+            points += sides
+            shares += ends
     except ConvergenceError:
-        parts = [whole]
-    found = []
-    for part in parts:
-        first = _single(family, interval, part.step)
-        found += part.placed(first)
-        if multipliers(step.first) is not None:
-            for between in _around(family, interval, part, first):
-                found += between.placed(_single(family, interval, between.step))
-    return sorted(found, key=lambda crossing: crossing.place)
-
-
-def _around(family: Family, interval: Interval, part: _Part, found: list[SpecialPoint]) -> list[_Part]:
-    """Return the parts of a step between the special points that were found in it, where they hide others."""
-    points, shares = [part.step.first], [0.0]
-    known = {one.place: one.point for one in found}
-    for one in sorted(found, key=lambda crossing: crossing.place):
-        before = [one.place - beside * one.place for beside in _AROUND]
-        for share in (*before, *(one.place + beside * (1.0 - one.place) for beside in reversed(_AROUND))):
-            if share <= shares[-1]:
-                continue
-            try:
-                points.append(
-                    point_between(family, part.step, interval, share, known, tangent=False, tolerance=TOLERANCE)
-                )
-            except ConvergenceError:
-                return []
-            shares.append(share)
-    points.append(part.step.last)
-    shares = [part.low + share * (part.high - part.low) for share in (*shares, 1.0)]
-    parts = [
-        _Part(Step(a, b), low, high)
-        for (a, b), (low, high) in zip(itertools.pairwise(points), itertools.pairwise(shares), strict=True)
-    ]
-    # A part with a special point of those found in it shows that one alone.
-    wanted = [
-        one
-        for one in parts
-        if census(one.step.first) != census(one.step.last)
-        and not any(one.low <= known.place * (part.high - part.low) + part.low <= one.high for known in found)
-    ]
+        return []
+    points, shares = [*points, part.step.last], [*shares, 1.0]
+    shares = [part.low + share * (part.high - part.low) for share in shares]
     return [
-        replace(one, step=Step(*(_directed(family, interval, point) for point in (one.step.first, one.step.last))))
-        for one in wanted
+        _Part(Step(points[k], points[k + 1]), shares[k], shares[k + 1])
+        for k in range(0, len(points), 2)
+        if shares[k] < shares[k + 1]
     ]
+
+
+def _changed(step: Step) -> bool:
+    """Return whether something changes between two neighbours that changes at special points alone."""
+    if turning(step.first) * turning(step.last) < 0.0:
+        return True
+    changes = _changes(step)
+    exact = changes is not None and step.first.chart.segmented
+    return (changes is not None and any(changes[not exact :])) or (
+        not exact and orientation(step.first) != orientation(step.last)
+    )
 
 
 def _directed(family: Family, interval: Interval, point: Point) -> Point:
@@ -250,7 +255,7 @@ def _single(family: Family, interval: Interval, step: Step) -> list[SpecialPoint
     else:
         passed, at_one = changes.plus, real_at(1.0)
     if turned:
-        found += _at_turn(family, interval, step, passed % 2 == 1, at_one)
+        found += _at_turn(family, interval, step, passed % 2 == 1)
     elif passed:
         found += _located(family, interval, step, "branch_point", at_one, passed, 0)
     if changes is not None:
@@ -258,22 +263,6 @@ def _single(family: Family, interval: Interval, step: Step) -> list[SpecialPoint
         without_loss = stays_on_circle(step.first) and stays_on_circle(step.last)
         at_pair = collision if without_loss else pair
         found += _located(family, interval, step, "neimark_sacker", at_pair, changes.pairs, 2)
-    if not found and outside(step.first) != outside(step.last):
-        found = _by_modulus(family, interval, step)
-    return found
-
-
-def _by_modulus(family: Family, interval: Interval, step: Step) -> list[SpecialPoint]:
-    """Return where multipliers pass the unit circle that change their kind on the way, as a pair that becomes real."""
-    low, high = sorted((outside(step.first), outside(step.last)))
-    found: list[SpecialPoint] = []
-    place = low
-    while place < high:
-        at = root(family, step, interval, modulus(place))
-        kind = "" if at is None else kind_of(at[0])
-        if at is not None and (kind != "branch_point" or step.first.chart.segmented):
-            found.append(special_at(kind, *at))
-        place += 2 if kind == "neimark_sacker" else 1
     return found
 
 
@@ -293,7 +282,7 @@ def _located(
     return [special_at(kind, *at) for at in found if at is not None]
 
 
-def _at_turn(family: Family, interval: Interval, step: Step, passed: bool, at_one: Test) -> list[SpecialPoint]:
+def _at_turn(family: Family, interval: Interval, step: Step, passed: bool) -> list[SpecialPoint]:
     """Return the special point at which a branch turns: a fold, or a point at which it meets another branch.
 
     At a fold the determinant changes its sign with the direction of the branch. Where it does not, the branch comes
@@ -312,15 +301,8 @@ def _at_turn(family: Family, interval: Interval, step: Step, passed: bool, at_on
         return [special_at("fold", point, share)]
     if orientation(beside[0]) == orientation(beside[1]):
         return [special_at("branch_point", _exact(family, interval, point), share)]
-    # A fold, and apart from it in the same step a branch point.
-    found = [special_at("fold", point, share)]
-    for part in (_Part(Step(step.first, beside[0]), 0.0, low), _Part(Step(beside[1], step.last), high, 1.0)):
-        if orientation(part.step.first) != orientation(part.step.last):
-            other = root(family, part.step, interval, at_one)
-            if other is not None:
-                share = part.low + other[1] * (part.high - part.low)
-                found.append(special_at("branch_point", _exact(family, interval, other[0]), share))
-    return found
+    # A fold; apart from it there is a branch point in the same step.
+    return [special_at("fold", point, share)]
 
 
 def _exact(family: Family, interval: Interval, point: Point) -> Point:
@@ -437,7 +419,10 @@ def root(family: Family, step: Step, interval: Interval, test: Test) -> tuple[Po
 
     Inverse quadratic interpolation is used where it is safe, and otherwise the bracket is halved (Chandrupatla, 1997).
     """
-    ends = test(step.first), test(step.last)
+    try:
+        ends = test(step.first), test(step.last)
+    except ConvergenceError:
+        return None
     if not np.all(np.isfinite(ends)) or ends[0] * ends[1] > 0.0:
         return None
     vanishes = _VANISHES * max(map(abs, ends))

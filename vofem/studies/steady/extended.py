@@ -121,9 +121,9 @@ class ExtendedEvaluation:
         """The extremes of gap functions at which contacts might switch."""
         return list(self.orbit.extremes)
 
-    def compare(self, flow: Any) -> float:
-        """Return `closing` from a known flow over the orbit."""
-        return float(self.orbit.compare(flow))
+    def repeats(self, flow: Any) -> bool:
+        """Return whether a flow from the orbit's state takes the same switches and comes back."""
+        return bool(self.orbit.repeats(flow))
 
     def stripped(self) -> ExtendedEvaluation:
         """Return the evaluation without what takes memory."""
@@ -375,10 +375,6 @@ class Extended:
     def flow(self, problem: Any, y: Array) -> Any:
         """Return the ordinary flow over one period of the orbit."""
         return self.inner.flow(problem, y[: -self.more])
-
-    def follows(self, problem: Any, y: Array, flow: Any) -> bool:
-        """Return whether the events of a flow are those of the signature."""
-        return bool(self.inner.follows(problem, y[: -self.more], flow))
 
     def first_touch(self, evaluation: ExtendedEvaluation, flow: Any) -> Any:
         """Return the extreme at the first touch of a flow that is none of the signature's."""

@@ -225,16 +225,15 @@ class Follower:
             if left > _NEAR and step > 0.5 * left:
                 # Steps become shorter towards a grazing, as they begin short beyond it: special points lie close to it.
                 return now, 0.5 * left
-        last = after if passed is None else passed.before
-        end = self.interval.beyond(last.value)
-        if end is not None:
-            return self._last(now, last, end)
-        angle = float(np.arccos(np.clip(now.tangent @ after.tangent, -1.0, 1.0)))
-        self._take(Step(now, last))
-        if self._over or self._closed(now, last):
-            return last, step
         if passed is not None:
-            return self._beyond(passed, step)
+            return self._passed(now, passed, step)
+        end = self.interval.beyond(after.value)
+        if end is not None:
+            return self._last(now, after, end)
+        angle = float(np.arccos(np.clip(now.tangent @ after.tangent, -1.0, 1.0)))
+        self._take(Step(now, after))
+        if self._over or self._closed(now, after):
+            return after, step
         factor = float(np.clip(_AIM / max(angle, 1e-3), 0.5, _GROW))
         return self._recentred(after), min(step * factor, self.largest)
 
@@ -248,16 +247,22 @@ class Follower:
             return None
         if passed is None or self.interval.beyond(passed.at.value) is not None:
             return None
-        if passed.before is not now:
-            self._take(Step(now, passed.before))
-        return (passed.before, step) if self._over else self._beyond(passed, step)
+        return self._passed(now, passed, step)
 
-    def _beyond(self, passed: Passage, step: float) -> tuple[Point, float]:
+    def _passed(self, now: Point, passed: Passage, step: float) -> tuple[Point, float] | None:
         """Continue beyond a change of the signature."""
-        laws = passed.before.problem.system.contacts
+        last = passed.before
+        end = self.interval.beyond(last.value)
+        if end is not None:
+            return self._last(now, last, end)
+        if last is not now:
+            self._take(Step(now, last))
+            if self._over or self._closed(now, last):
+                return last, step
+        laws = last.problem.system.contacts
         assert laws is not None
         place = float(len(self.track.points) - 1)
-        elastic = len(laws) - len(passed.before.problem.given.sliders or ())
+        elastic = len(laws) - len(last.problem.given.sliders or ())
         for contact in passed.grazed:
             kind = "grazing" if contact < elastic else "sticking"
             self.track.special.append(special_at(kind, passed.at, place, laws.names[contact]))
@@ -265,11 +270,11 @@ class Follower:
             names = " and ".join(dict.fromkeys(repr(laws.names[contact]) for contact in passed.grazed))
             self.track.notes.append(
                 f"the {self.noun} ends at {passed.at.value:.12g}, where one orbit grazes {names} several times. With "
-                "rigid stops and forces that jump, as those of acts_on='displacement', orbits that touch at one of "
-                "them or at all may begin there: follow those that you want from a value beyond, with guess="
+                "rigid stops, orbits that touch at one of them or at all may begin there: follow those that you want "
+                "from a value beyond, with guess="
             )
             self._over = True
-            return passed.before, step
+            return last, step
         self._take(None, passed.after)
         return passed.after, min(step, FIRST)
 

@@ -18,9 +18,6 @@ from vofem.studies.steady.signature import Signature, SignatureEvaluation, signa
 
 Array = NDArray[np.float64]
 
-#: Largest difference of both ends of an orbit under an ordinary run, over the size of the motion.
-CLOSES = 1e-8
-
 #: Steps of the state, halvings of one of them, and steps in the lengths of segments.
 _STEPS, _HALVINGS, _POLISHED = 40, 8, 10
 
@@ -65,7 +62,7 @@ def orbit_near(problem: Shooting, guess: Array, steps: int = _STEPS) -> Solved:
         found = _polished(now) if change <= _TRIED else None
         if found is not None:
             found, ran = found.stripped(), chart.flow(problem, found.y)
-            if found.compare(ran) <= CLOSES and chart.follows(problem, found.y, ran):
+            if found.repeats(ran):
                 return Solved(chart.unknowns(problem, found.y, found), found)
             # Another signature is nearer to an orbit if it changes less.
             if _change(problem, ran) < 0.5 * change:

@@ -60,6 +60,10 @@ AT_ONCE = 1e-9
 #: Difference of phases, over the orbit, up to which a switch of a flow is one of the signature.
 _SAME = 1e-5
 
+#: Largest difference of both ends of an orbit under an ordinary run, over the size of the motion; where rounding grows
+#: to more, that rounding, and the most that it may be.
+CLOSES, _GROWN, _TOLD = 1e-8, 1e-15, 1e-6
+
 #: Length in rad of a touch that may be lost in rounding.
 _SHORT = 1e-5
 
@@ -215,10 +219,15 @@ class SignatureEvaluation:
         later = chart.at_phase(problem, self, chart.anchor + time * problem.loads.omega)
         return np.concatenate(problem.to_modes(later - self.y[: problem.size]))
 
-    def compare(self, flow: Flow) -> float:
-        """Return `closing` from a known flow over the orbit."""
-        self.__dict__["closing"] = self._compared(flow)
-        return self.closing
+    def repeats(self, flow: Flow) -> bool:
+        """Return whether a flow from the orbit's state takes the same switches and comes back; it gives `closing`.
+
+        Rounding grows along an orbit as other changes of its state do, so runs of very unstable ones come back worse.
+        """
+        self.__dict__["closing"] = away = self._compared(flow)
+        if not self.chart.follows(self.problem, self.y, flow):
+            return False
+        return away <= CLOSES or away <= min(_GROWN * self.growth, _TOLD)
 
     def _compared(self, flow: Flow) -> float:
         after = self.problem.to_unknowns(flow.displacement, flow.velocity)
@@ -240,6 +249,17 @@ class SignatureEvaluation:
         if np.linalg.cond(scaled) >= _SINGULAR:
             return None
         return np.asarray(matrix - closes[:, n:] @ np.linalg.solve(switches[:, n:], switches[:, :n]))
+
+    @cached_property
+    def growth(self) -> float:
+        """Largest factor by which a change of the state, over the size of the motion, grows over the orbit."""
+        n = self.problem.size
+        closes, switches = self.jacobian[:n], self.jacobian[n:]
+        matrix = closes[:, :n] + np.eye(n)
+        if switches.size and not self.chart.smooth(self.problem):
+            matrix -= closes[:, n:] @ np.linalg.lstsq(switches[:, n:], switches[:, :n], rcond=None)[0]
+        scales = self.chart.scales(self.problem, self)[:n]
+        return float(np.linalg.norm(matrix * scales / scales[:, None], 2))
 
     @cached_property
     def uncertainty(self) -> float:
@@ -556,6 +576,8 @@ class Signature:
         for contact in range(len(self.start)):
             mine = [(p, s.status) for p, s in zip(phases, self.switches, strict=True) if s.contact == contact]
             seen = [(e.time * omega, e.after) for e in flow.events if e.contact == contact]
+            if [status for _, status in mine] == [status for _, status in seen]:
+                continue
             hit = contact in self.struck or any(e.contact == contact and e.before == e.after for e in flow.events)
             if self.start[contact] > PINNED or any(status > PINNED for _, status in mine):
                 mine, seen = (_without_short_sticks(self.start[contact], one) for one in (mine, seen))

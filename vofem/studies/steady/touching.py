@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.between import Step, point_between
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.near import CLOSES
 from vofem.studies.steady.point import Interval, Point, corrected, derivative_by_value, tangent_at
-from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Extreme, Signature
+from vofem.studies.steady.signature import AT_ONCE, CLOSES, ROUNDING, Extreme, Signature
 from vofem.system import CLOSED, OPEN, PINNED
 
 Array = NDArray[np.float64]
@@ -28,6 +27,10 @@ BEYOND, _SEVERAL = 1e-8, 1e-6
 
 #: Speed of approach of an impact that has just begun, over that of the motion.
 _SLOW = 1e-6
+
+#: Steps from a grazing in scaled coordinates where forces jump; the first is taken that leads to an orbit which
+#: repeats, because rounding grows the more the shorter a touch. An orbit may lie aside of a step by a share of it.
+_JUMPING, _ASIDE = (1e-4, 1e-3, 1e-5, 1e-6, 0.01, 0.03, 0.1), 0.3
 
 #: Length in rad below which a touch may be about to end.
 _NEARLY = 5e-3
@@ -115,7 +118,7 @@ def passage(family: Family, interval: Interval, now: Point, after: Point) -> Pas
     changes, found = _vanishing(now, after), None
     if not changes:
         flow = chart.flow(after.problem, after.y[:-1])
-        repeats = after.evaluation.compare(flow) <= CLOSES and chart.follows(after.problem, after.y[:-1], flow)
+        repeats = after.evaluation.repeats(flow)
         changes = [] if repeats else _touching(now, after)
         if not changes and not repeats:
             raise ConvergenceError(
@@ -368,13 +371,11 @@ def _begins(family: Family, interval: Interval, now: Point, after: Point, guess:
     others = _grazing(state, known)
     grazed = tuple(sorted((extreme.contact, *(e.contact for e in others))))
     if not others and not _rigid(at.problem, grazed):
-        beyond = _lengthened(family, interval, at, [(place, 1)], BEYOND)
+        beyond = _beyond(family, interval, at, [(place, 1)])
         return Passage(state, state, _not_turned(beyond, state), grazed)
     every = [extreme._replace(phase=phase), *others]
     if _rigid(at.problem, grazed):
         return Passage(state, state, _hitting(family, interval, state, every), grazed)
-    if _jump(at.problem, grazed):
-        return Passage(state, state, None, grazed)
     return Passage(state, state, _touched(family, interval, state, every), grazed)
 
 
@@ -439,7 +440,7 @@ def _stick_begins(family: Family, interval: Interval, now: Point, after: Point, 
         chart, y, place = chart.split(y, k, PINNED)
     at = replace(at, chart=chart, y=np.append(y, at.value))
     # Each stick before the first one adds a switch, and splitting them in descending order leaves `place` at the first.
-    beyond = _lengthened(family, interval, at, [(place, 1)], BEYOND)
+    beyond = _beyond(family, interval, at, [(place, 1)])
     return Passage(before, before, beyond, tuple(sorted(old.switches[k].contact for k in (number, *others))))
 
 
@@ -511,8 +512,7 @@ def _touched(family: Family, interval: Interval, at: Point, extremes: Sequence[E
     for when, contacts in sorted(groups, reverse=True):
         chart, y, place = chart.with_touch(y, tuple(contacts), when)
         places = [(place, len(contacts)), *((other + 2 * len(contacts), size) for other, size in places)]
-    many = replace(at, chart=chart, y=np.append(y, at.value))
-    return _lengthened(family, interval, many, places, _SEVERAL if len(extremes) > 1 else BEYOND)
+    return _beyond(family, interval, replace(at, chart=chart, y=np.append(y, at.value)), places)
 
 
 def _ends(
@@ -522,38 +522,27 @@ def _ends(
     old: Signature = now.chart
     n = now.problem.size
     single = len(pairs) == 1 and pairs[0][1] == pairs[0][0] + 1
-    others: list[tuple[int, int]] = []
     if single:
         at = _with_length(family, interval, old, guess, n + pairs[0][1], 0.0)
         lengths = old.lengths(at.y[:-1])
         short = [(p, k) for p, k in old.touches if lengths[p + 1 : k + 1].sum() < 0.5 * _SEVERAL]
-        others = [pair for pair in short if pair != pairs[0]]
-    if not single or others:
-        pairs = (*pairs, *others)
-        grazed = tuple(old.switches[p].contact for p, _ in pairs)
-        if _jump(now.problem, grazed):
-            # Only one of several touches with a force that jumps.
-            raise ConvergenceError("several contacts are grazed by one orbit")
+        pairs = (*pairs, *(pair for pair in short if pair != pairs[0]))
+        single = len(pairs) == 1
+    chart, place = old, n + pairs[0][1]
+    if not single:
+        # Where all lengths are zero the equations are singular; those of one touch are not.
         p, k = pairs[0]
         phases = old.phases(guess[:-1])
         out, y = old.without(guess[:-1], [index for pair in pairs for index in pair])
         chart, y, place = out.with_touch(y, (old.switches[p].contact,), float(0.5 * (phases[p] + phases[k])))
         at = _with_length(family, interval, chart, np.append(y, guess[-1]), place, 0.0)
-        inner = p + 1 + int(np.argmax(old.lengths(now.y[:-1])[p + 1 : k + 1]))
+    grazed = tuple(old.switches[p].contact for p, _ in pairs)
+    zero, places = (at, [(place, 1)]) if single else _shrunk(now, guess, at, place, pairs)
+    _between(now, after, zero.y)
+    # At length zero the branch seems to turn.
+    before = _along(now, _beyond(family, interval, zero, places))
+    if any(not 0.0 < before.y[here] < now.y[here] for here, _ in places):
         before = now
-        here = now.y[n + inner]
-        if here > _SEVERAL:
-            there = after.y[n + inner]
-            # Where all are zero the equations are singular.
-            near = now.y + (here - _SEVERAL) / (here - there) * (after.y - now.y)
-            before = _along(now, _with_length(family, interval, old, near, n + inner, _SEVERAL))
-            _between(now, after, before.y)
-    else:
-        grazed = (old.switches[pairs[0][0]].contact,)
-        chart, place = old, n + pairs[0][1]
-        _between(now, after, at.y)
-        # At length zero the branch seems to turn.
-        before = _along(now, _with_length(family, interval, old, at.y, place, BEYOND))
     contact = grazed[0]
     phase = float(chart.phases(at.y[:-1])[place - n])
     status = int(chart.statuses[place - n - 1][contact])
@@ -569,6 +558,36 @@ def _ends(
         return Passage(before, outside, outside, grazed)
     # Those that touched no longer do, and those that did not begin to: so this branch crosses that without touches.
     return Passage(before, outside, _touched(family, interval, outside, other), (*grazed, *(e.contact for e in other)))
+
+
+def _shrunk(
+    now: Point, guess: Array, at: Point, place: int, pairs: tuple[tuple[int, int], ...]
+) -> tuple[Point, list[tuple[int, int]]]:
+    """Return an orbit with a touch of length zero in the chart with several of them, and places of their lengths.
+
+    As in `_beyond` each place comes with the number of contacts that touch there at the same time.
+    """
+    chart: Signature = now.chart
+    n, left = at.problem.size, {index for pair in pairs for index in pair}
+    phases = chart.phases(guess[:-1])
+    mine = at.chart.phases(at.y[:-1])
+    first = place - n - 1
+    phases[[k for k in range(phases.size) if k not in left]] = np.delete(mine, [first, first + 1])
+    groups: list[list[int]] = []
+    for p, k in sorted(pairs):
+        if groups and p < groups[-1][1]:
+            groups[-1][1] = max(groups[-1][1], k)
+        else:
+            groups.append([p, k])
+    known = [(at.chart.switches[first].contact, float(mine[first]))]
+    known += [(e.contact, e.phase) for e in at.evaluation.extremes]
+    for p, k in groups:
+        middle = 0.5 * (phases[p] + phases[k])
+        same = [phase for contact, phase in known if contact == chart.switches[p].contact]
+        phases[p : k + 1] = min(same, key=lambda phase: abs(phase - middle), default=middle)
+    lengths = np.diff(np.append(chart.anchor, phases))
+    y = np.concatenate([at.y[:n], lengths, at.y[n + mine.size :]])
+    return replace(at, chart=chart, y=y), [(n + (p + k + 1) // 2, (k - p + 1) // 2) for p, k in groups]
 
 
 def what_contacts_do(point: Point) -> list[str]:
@@ -663,7 +682,7 @@ def _between(now: Point, after: Point, y: Array) -> None:
     length = float(np.linalg.norm(secant))
     share = float(away @ secant) / length**2 if length > 0.0 else 0.0
     aside = float(np.linalg.norm(away - share * secant))
-    if not -_OUTSIDE <= share <= 1.0 + _OUTSIDE or aside > 0.3 * length + 1e-9:
+    if not -_OUTSIDE <= share <= 1.0 + _OUTSIDE or aside > _ASIDE * length + 1e-9:
         raise ConvergenceError("a change of contact was found elsewhere")
 
 
@@ -706,12 +725,31 @@ def _with_length(
     return Point(chart, y, family.of(y), evaluation, scales, by_value, tangent)
 
 
-def _lengthened(family: Family, interval: Interval, at: Point, places: list[tuple[int, int]], length: float) -> Point:
-    """Return the orbit just beyond a grazing; its touches have a small length at places, with so many contacts."""
-    guess = at.y.copy()
-    for place, contacts in places:
-        guess[place] = length
-        guess[place - contacts] -= 0.5 * length
-        if place + contacts < at.problem.size + len(at.chart.switches):
-            guess[place + contacts] -= 0.5 * length
-    return _with_length(family, interval, at.chart, guess, places[0][0], length)
+def _beyond(family: Family, interval: Interval, at: Point, places: list[tuple[int, int]]) -> Point:
+    """Return the orbit just beyond a grazing, whose touches at places have so many contacts and the length zero."""
+    if not _jump(at.problem, [at.chart.switches[place - at.problem.size].contact for place, _ in places]):
+        guess, length = at.y.copy(), _SEVERAL if sum(size for _, size in places) > 1 else BEYOND
+        for place, contacts in places:
+            guess[place] = length
+            guess[place - contacts] -= 0.5 * length
+            if place + contacts < at.problem.size + len(at.chart.switches):
+                guess[place + contacts] -= 0.5 * length
+        return _with_length(family, interval, at.chart, guess, places[0][0], length)
+    # Where forces jump, lengths and parameter change together, and the branch has a direction at length zero.
+    lengths = [place for place, _ in places]
+    towards = np.zeros(at.y.size)
+    towards[lengths] = 1.0
+    at = _point(family, interval, at.chart, at.y, towards)
+    along = at.tangent * at.scales
+    if not np.all(along[lengths] > 0.0):
+        raise ConvergenceError("one orbit grazes several contacts, and no orbit beside it touches all of them")
+    for step in _JUMPING:
+        try:
+            found = _with_length(family, interval, at.chart, at.y + step * along, lengths[0], step * along[lengths[0]])
+        except ConvergenceError:
+            continue
+        aside = float(np.linalg.norm((found.y - at.y) / at.scales - step * at.tangent))
+        repeats = found.evaluation.repeats(found.chart.flow(found.problem, found.y[:-1]))
+        if repeats and aside <= _ASIDE * step:
+            return found
+    raise ConvergenceError("no orbit was found beside one that grazes a contact whose force jumps")
