@@ -80,6 +80,10 @@ def counted(monkeypatch):
     return counts
 
 
+#: Breakpoints of a load.
+TIMES = np.linspace(0.0, 20.0, 4001)
+
+
 def coordinates(result):
     samples = result.solution.sample(result.times)
     return samples.q, samples.v
@@ -110,21 +114,14 @@ def test_the_loop_does_what_plain_python_does(name, monkeypatch):
     assert abs(by_loop.energy.balance_error) < 1e-11
 
 
-def test_few_returns_to_python(monkeypatch):
-    """Statuses that are met for the first time, and arrays that grow: nothing that grows with the number of events."""
+@pytest.mark.parametrize("load", [None, vf.Tabulated(TIMES, np.sin(1.3 * TIMES))], ids=["events", "breakpoints"])
+def test_few_returns_to_python(load, monkeypatch):
+    """Statuses that are met for the first time, and arrays that grow: nothing that grows with events or breakpoints."""
     counts = counted(monkeypatch)
-    result = run(rattle(), 4000.0)
-    assert result.counters.events > 1500
+    result = run(rattle(load), 4000.0 if load is None else 20.0)
+    assert result.counters.steps > 1500
     assert counts["calls"] <= 20
     assert abs(result.energy.balance_error) < 1e-11
-
-
-def test_breakpoints_stay_in_the_loop(monkeypatch):
-    counts = counted(monkeypatch)
-    times = np.linspace(0.0, 20.0, 4001)
-    result = run(rattle(vf.Tabulated(times, np.sin(1.3 * times))), 20.0)
-    assert result.counters.steps > 4000
-    assert counts["calls"] <= 20
 
 
 @pytest.mark.parametrize("name", ["beam, damped", "chain", "pinned"])

@@ -8,8 +8,8 @@ from populations import REPEATS, SAME, Outcome, away, both_ways, differing, draw
 
 import vofem as vf
 
-#: A chain of four masses, a chain of two, a simply supported beam, and a guided one.
-SEEDS = (0, 22, 7, 11)
+#: A chain of four masses and a simply supported beam; `python tests/populations.py` follows any others.
+SEEDS = (0, 7)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -56,7 +56,8 @@ class Friction(TwoPoints):
     While it sticks, w is zero exactly, and the force is the reaction that keeps it so; sticking ends where the reaction
     reaches ``static * normal``. With `stiffness` the slider is behind a spring (a Jenkins element): while it sticks,
     w stretches the spring. `result.frictions` has the histories. The methods ``"event_driven"``, for a constant normal
-    force, and ``"energy_conserving"`` treat sliders; harmonic balance treats those with `stiffness`.
+    force, and ``"energy_conserving"`` treat sliders; harmonic balance treats those with `stiffness`,
+    and shooting rigid ones under a constant normal force without a belt.
 
     Raises
     ------

@@ -382,8 +382,8 @@ def fit(
     chosen = parameters_of("fit", parameters, scene)
     several = tuple(data) if isinstance(data, (list, tuple)) else (data,)
     if not several or any(not isinstance(one, Data) for one in several):
-        found = type(next((one for one in several if not isinstance(one, Data)), data)).__name__
-        raise ArgumentError(f"fit: data has a {found}, expected vofem.Measured or a list of measurements")
+        wrong = type(next((one for one in several if not isinstance(one, Data)), data)).__name__
+        raise ArgumentError(f"fit: data has a {wrong}, expected vofem.Measured or a list of measurements")
     starts = whole("fit: starts", starts)
     problem = _Problem(scene, chosen, several, "event_driven")
     windows = _windows(horizon, problem.end)

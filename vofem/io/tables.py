@@ -45,16 +45,10 @@ def contact_tables(result: Result, most: int = 8, *, forces: bool = True) -> str
 def contact_table(result: Result, name: str, most: int = 20, *, forces: bool = True) -> str:
     """Return a line per impact of a contact: when it closes and opens, approach speed, peak force and impulse.
 
-    Parameters
-    ----------
-    result : Result
-    name : str
-        Name of the contact.
-    most : int
-        How many impacts are shown; the rest is counted.
-    forces : bool
-        Whether speed, force and impulse are shown. Where the structure is large or damped, they may take as long as
-        the run; the times are known at once.
+    `name`: name of the contact.
+    `most`: how many impacts are shown; the rest is counted.
+    `forces`: whether speed, force and impulse are shown. Where the structure is large or damped, they may take as long
+    as the run; the times are known at once.
     """
     history = result.contacts[name]
     units = history.units

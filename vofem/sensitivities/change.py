@@ -20,6 +20,7 @@ from vofem.time_functions.base import Scaled
 #: Fields in which matrices, rows, gaps and load vectors are linear.
 LINEAR = (
     "gap", "stiffness", "damping", "mass", "inertia", "EI", "rhoA", "tension", "alpha", "beta", "ratio", "g", "p",
+    "restitution",
 )  # fmt: skip
 INITIAL = ("initial.displacement", "initial.velocity")
 #: The place of an effect on a beam.

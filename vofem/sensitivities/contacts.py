@@ -139,7 +139,8 @@ class ContactSensitivities:
     @one_thread
     def impacts(self) -> ImpactSensitivities:
         """Of the impacts one by one."""
-        forward, found = self._forward, self._history.impacts
+        forward, found, laws = self._forward, self._history.impacts, self._forward.modal.laws
+        assert laws is not None
         events = forward.events
         p, n = len(forward.changes), len(found)
         parts = np.zeros((5, n, p))
@@ -152,7 +153,15 @@ class ContactSensitivities:
             begin = forward.event_times[begins[i]] if begins[i] >= 0 else np.zeros(p)
             end = forward.event_times[ends[i]] if i < ends.size else np.zeros(p)
             parts[0, i], parts[1, i] = begin, end
-            if not found.why:
+            if laws.rigid[self._index]:
+                # The force of an impact has no bound.
+                parts[2:4, i] = np.nan
+                span = range(int(begins[i]), int(ends[i]) if i < ends.size else events.time.size)
+                parts[4, i] = self._impulse(float(found.closing[i]), float(found.opening[i]))
+                parts[4, i] += sum(
+                    forward.impulses[k] for k in span if k in forward.impulses and events.contact[k] == self._index
+                )
+            elif not found.why:
                 peak, time = self._peak(float(found.peak_time[i]), float(found.closing[i]), float(found.opening[i]))
                 parts[2, i], parts[3, i] = peak, time
                 parts[4, i] = self._impulse(float(found.closing[i]), float(found.opening[i]))

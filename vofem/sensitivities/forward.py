@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vofem.arrays import Array
 from vofem.sensitivities.flow import Basis, Block, Closed, Segment, basis_of
 from vofem.sensitivities.forcing import Forcing, derivative_waves, forcing_of, waves_of
+from vofem.sensitivities.impacts import Impact
 from vofem.sensitivities.modal import ModalChange, ModalSystem, StatusEquation
 from vofem.system import CLOSED, OPEN, PINNED, Events
 
@@ -107,6 +108,9 @@ class Forward:
         self._forces: dict[int, tuple[Forcing, Forcing]] = {}
         self._pieces: dict[int, Closed | Block] = {}
         self.passages: dict[int, Passage] = {}
+        self._bounced = getattr(self.solution, "hard_bounces", {})
+        #: Derivatives of the impulses of impacts on rigid stops, shape (p,), by the number of the event.
+        self.impulses: dict[int, Array] = {}
         self.final = self._propagate()
 
     # -- pieces of the run ------------------------------------------------------------------------
@@ -169,7 +173,8 @@ class Forward:
         last = index + 1 == self.segments.starts.size
         start = self.state(index)
         duration = float(self.segments.durations[index])
-        end = start if last else self.state(index + 1)
+        # A segment of no duration holds the state before an impact.
+        end = start if last or duration == 0.0 else self.state(index + 1)
         segment = Segment(start, self._starts[index], force, forces, duration, end)
         if flow.basis is not None:
             found = Closed(flow.basis, segment)
@@ -216,6 +221,9 @@ class Forward:
             before = segments.status[index]
             after = self._status_at_end(event) if last else segments.status[index + 1]
             count = self.events.time.size - event if last else int(np.count_nonzero(before != after))
+            if index + 1 in self._bounced:
+                # A stop closes and opens at once.
+                count = 2
             if not count:
                 continue
             state = piece.states(np.array([segments.durations[index]]))[:, 0]
@@ -250,6 +258,9 @@ class Forward:
         laws, modal = self.modal.laws, self.modal
         assert laws is not None
         displacement, velocity = self._split(state)
+        struck = self.impact(after, numbers, state)
+        if struck is not None:
+            return self._hit(index, after, numbers, state, struck, z, v)
         change_v = np.zeros_like(v)
         project = self.flow(before).equation.project
         for number in numbers:
@@ -282,6 +293,53 @@ class Forward:
             rows = modal.contacts[held]
             stopped -= rows.T @ np.linalg.solve(rows @ rows.T, rows @ velocity)
             z, v = self._held(held, z, v, displacement, stopped)
+        return z, v
+
+    def impact(self, after: Status, numbers: range, state: Array) -> Impact | None:
+        """Return the impact on a rigid stop that events are, None for others; `state` (2n,) is that before them."""
+        laws, velocity = self.modal.laws, self._split(state)[1]
+        assert laws is not None
+        j = int(self.events.contact[numbers[0]])
+        entered = int(self.events.status[numbers[0]])
+        if not laws.rigid[j] or entered == OPEN:
+            return None
+        if entered == CLOSED:
+            return Impact([j], self.modal.contacts[[j]], float(laws.restitution[j]), velocity)
+        held = [j, *(k for k in np.flatnonzero(after == PINNED).tolist() if k != j)]
+        return Impact(held, self.modal.contacts[held], 0.0, velocity)
+
+    def rates(self, index: int, after: Status, state: Array, velocity: Array) -> tuple[Array, Array]:
+        """Return the modal accelerations, each (n,), at the end of a segment, and with another status and velocity."""
+        n, tau = self.modal.size, float(self.segments.durations[index])
+        whole, found = self.forces(index)[0].at(tau), []
+        for status, v in ((self.segments.status[index], state[n:]), (after, velocity)):
+            equation = self.flow(status).equation
+            force = whole if equation.project is None else equation.project @ whole
+            found.append(equation.matrix[n:] @ np.concatenate([state[:n], v]) + force)
+        return found[0], found[1]
+
+    def _hit(
+        self, index: int, after: Status, numbers: range, state: Array, struck: Impact, z: Array, v: Array
+    ) -> tuple[Array, Array]:
+        """Return the derivatives after an impact on a rigid stop, z and v being those before, (n, p)."""
+        displacement, velocity = self._split(state)
+        j, later = struck.contacts[0], struck.passed(velocity)
+        before, beyond = self.rates(index, after, state, later)
+        rate = float(struck.rows[0] @ velocity)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            times = -self._meets(j, displacement, z) / rate
+        self.event_times[numbers.start : numbers.stop] = times
+        size = float(np.linalg.norm(struck.passed(before) - beyond))
+        self.crossings.append(Crossing(float(self.events.time[numbers[0]]), j, rate, size))
+        there = v + np.outer(before, times)
+        z = z + np.outer(velocity - later, times)
+        v = struck.passed(there) - np.outer(beyond, times)
+        impulses = struck.impulses(there)[0]
+        for k, change in enumerate(self.changes):
+            turned, own = struck.by(change)
+            v[:, k] += turned
+            impulses[k] += own[0]
+        self.impulses[numbers[0]] = impulses
         return z, v
 
     def saltation(self, j: int, rate: float) -> float:

@@ -16,7 +16,7 @@ from vofem.lookup import rows_over
 from vofem.result import Result
 from vofem.sensitivities.adjoint import Linear
 from vofem.sensitivities.contacts import Law, event_at, peak_of, within
-from vofem.sensitivities.energy import fastest, gauss, powers
+from vofem.sensitivities.energy import fastest, gauss, no_rigid_stops, powers
 from vofem.sensitivities.forward import Forward
 
 
@@ -45,6 +45,7 @@ def peak_force(contact: Any, impact: int = 1) -> Objective:
     name, number = name_of(contact), whole("peak_force: impact", impact)
 
     def linear(result: Result, forward: Forward) -> Linear:
+        no_rigid_stops("peak_force", forward)
         j, found = _impact(result, name, number)
         out = _blank(forward)
         out.value = float(found.peak_force[number - 1])
@@ -64,6 +65,7 @@ def impulse(contact: Any, impact: int = 1) -> Objective:
     name, number = name_of(contact), whole("impulse: impact", impact)
 
     def linear(result: Result, forward: Forward) -> Linear:
+        no_rigid_stops("impulse", forward)
         j, found = _impact(result, name, number)
         out = _blank(forward)
         out.value = float(found.impulse[number - 1])
@@ -89,6 +91,7 @@ def dissipated() -> Objective:
     """Return the energy that dampers take until the end of the run, J."""
 
     def linear(result: Result, forward: Forward) -> Linear:
+        no_rigid_stops("dissipated", forward)
         modal, out = forward.modal, _blank(forward)
         n = modal.size
         for index in range(forward.starts.size):

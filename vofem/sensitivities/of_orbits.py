@@ -56,12 +56,9 @@ class OrbitSensitivities(MotionSensitivities):
                 "modes"
             )
         self.orbit = orbit
-        contacts, sliders = scene.model.system.contacts, scene.model.system.sliders
+        sliders = scene.model.system.sliders
         if sliders is not None:
             raise MethodError(f"sensitivities: {sliders.refusal('a derivative of an orbit')}")
-        rigid = None if contacts is None else contacts.rigid_refusal("a derivative of an orbit")
-        if rigid is not None:
-            raise MethodError(f"sensitivities: {rigid}")
         changes = without_state(system_changes(scene, chosen), chosen, "an orbit does not depend on an initial state")
         super().__init__(scene, result, chosen, changes)
         n = self._modal.size
@@ -163,6 +160,11 @@ class OrbitSensitivities(MotionSensitivities):
         """Return the derivatives of the monodromy matrix along the orbits, each (2n, 2n): the product rule."""
         forward, p = self._forward, len(self.parameters)
         times, pinned = self._total(forward.event_times), forward.segments.status == PINNED
+        if forward.solution.bounces is not None:
+            raise MethodError(
+                "sensitivities: impacts on rigid stops have no second derivatives here, which multipliers need; take "
+                "differences of PeriodicOrbit.multipliers"
+            )
         if np.any(pinned != pinned[0]):
             raise MethodError(
                 "sensitivities: a contact is pinned for a part of this orbit only; impacts that accumulate have no "

@@ -223,9 +223,6 @@ def _check(what: str, result: Any) -> None:
     sliders = result.model.system.sliders
     if sliders is not None:
         raise MethodError(sliders.refusal(what))
-    reason = None if contacts is None else contacts.rigid_refusal(what)
-    if reason is not None:
-        raise MethodError(reason)
     if result.interrupted:
         raise ArgumentError(f"{what}: the run was interrupted; run it to its end")
 

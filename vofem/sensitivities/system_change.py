@@ -50,10 +50,11 @@ class SystemChange:
     rayleigh: Array  #: Shape (2,).
     modal_damping: Array  #: Of the ratios, all of which change by the same amount, shape ().
     rows: csr_matrix | None  #: Shape (n_contacts, n).
-    #: `gap`, `contact_stiffness`, `contact_damping`: shape (n_contacts,).
+    #: `gap`, `contact_stiffness`, `contact_damping`, `restitution`: shape (n_contacts,).
     gap: Array
     contact_stiffness: Array
     contact_damping: Array
+    restitution: Array
     vectors: Array  #: Of the load vectors, shape (n_loads, n).
     #: `displacement`, `velocity`: of the initial state, shape (n,).
     displacement: Array
@@ -130,6 +131,9 @@ def _change(scene: Scene, parameter: Parameter, target: Any) -> SystemChange:
     if field == "length":
         step = _RELATIVE * value
         return _difference(scene, parameter, [k * step for k in range(-4, 5)], _CENTRAL / step)
+    if field == "restitution":
+        step = -value if value > 0.5 else 1.0 - value
+        return _difference(scene, parameter, [0.0, step], np.array([-1.0, 1.0]) / step)
     if field in PLACES:
         step = _room(target, field) / 8.0
         return _difference(scene, parameter, [k * step for k in range(9)], _FORWARD / step)
@@ -183,6 +187,7 @@ def _numbers(scene: Scene) -> dict[str, Any]:
         "rows": None if laws is None else laws.rows, "gap": none if laws is None else laws.gap,
         "contact_stiffness": none if laws is None else laws.stiffness,
         "contact_damping": none if laws is None else laws.damping,
+        "restitution": none if laws is None else np.nan_to_num(laws.restitution),
         "vectors": np.array([load.vector for load in system.loads]).reshape(-1, system.size),
         "displacement": state.q, "velocity": state.v,
     }  # fmt: skip
@@ -220,7 +225,16 @@ def _stretch(body: Any, new: Any) -> float:
 def _share(one: dict[str, Any], two: dict[str, Any]) -> float:
     """Return the smallest change of a kind of numbers relative to the entries that change, of the kinds that do."""
     shares = []
-    for name in ("mass", "stiffness", "damping", "gap", "contact_stiffness", "contact_damping", "vectors"):
+    for name in (
+        "mass",
+        "stiffness",
+        "damping",
+        "gap",
+        "contact_stiffness",
+        "contact_damping",
+        "restitution",
+        "vectors",
+    ):
         a, b = one[name], two[name]
         if a is None or b is None:
             continue

@@ -130,7 +130,7 @@ def _stuck(regime: Regime, contacts: Array, status: Status, first: int) -> Stuck
     mine = np.flatnonzero(held >= first)
     if not mine.size:
         return None
-    real, force = regime.spectrum.real, regime.reactions
+    real, force = regime.spectrum.real, regime.base.quantities.reactions
     assert real.lifts is not None
     assert force is not None
     lift, push, react = (part[:, mine] for part in real.lifts)

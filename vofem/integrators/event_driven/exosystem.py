@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,8 @@ CONSTANT = -1
 _NONE = -2
 
 
-class Kind(NamedTuple):
+@dataclass(frozen=True)
+class Kind:
     """The loads of one kind of interval.
 
     Attributes
@@ -44,7 +45,22 @@ class Kind(NamedTuple):
     bend: Integers
     of: Array
 
-    @property
+    @cached_property
+    def lines(self) -> Integers:
+        """Numbers of the lines."""
+        return np.flatnonzero(self.omega == 0.0)
+
+    @cached_property
+    def waves(self) -> Integers:
+        """Numbers of the harmonics."""
+        return np.flatnonzero(self.omega)
+
+    @cached_property
+    def key_of_lines(self) -> bytes:
+        """What tells the lines from those of other kinds."""
+        return self.function[self.lines].tobytes() + self.bend.tobytes()
+
+    @cached_property
     def key(self) -> tuple[bytes, ...]:
         """What tells the kind from others."""
         return self.function.tobytes(), self.omega.tobytes(), self.bend.tobytes()
@@ -100,8 +116,8 @@ class Exosystem:
 
     def interval(self, times: Array) -> Integers:
         """Return the interval in which each time lies, the later one of two that meet there."""
-        found = np.searchsorted(self.edges, times, side="right") - 1
-        return np.clip(found, 0, self.kind.size - 1)
+        # All inner edges count, so times outside belong to the first and the last interval.
+        return np.searchsorted(self.edges[1:-1], times, side="right")
 
     def at(self, times: Array) -> Array:
         """Return values and rates of the loads at some times, shape (n_times, 2, e).

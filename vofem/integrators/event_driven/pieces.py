@@ -328,7 +328,7 @@ def _rates(structure: Structure, maps: Maps, loads: Pieces, s: int, time: float,
 
 
 @jit
-def _turned(delta: Array, p: Array, t: float, z: Array, v: Array) -> tuple[Array, Array]:
+def turned(delta: Array, p: Array, t: float, z: Array, v: Array) -> tuple[Array, Array]:
     """Return free block states, each (n, k), after a time."""
     after_z, after_v = np.empty_like(z), np.empty_like(v)
     for i in range(p.size):
@@ -339,7 +339,7 @@ def _turned(delta: Array, p: Array, t: float, z: Array, v: Array) -> tuple[Array
     return after_z, after_v
 
 
-@plain_form(_turned)
+@plain_form(turned)
 def _turned_at_once(delta: Array, p: Array, t: float, z: Array, v: Array) -> tuple[Array, Array]:
     """Do what `_turned` does, for all blocks at once."""
     c, s = np.empty((p.size, 1)), np.empty((p.size, 1))
@@ -396,7 +396,7 @@ def _columns_after(
         first -= maps.carry[s] @ columns[:n].copy()
     z, v = _into_blocks(maps, s, first, columns[n:].copy())
     delta, p = maps.delta[s], maps.p[s]
-    after_z, after_v = _turned(delta, p, duration, z, v)
+    after_z, after_v = turned(delta, p, duration, z, v)
     if duration != 0.0:
         turn, sine = _mean_weights(delta, p, duration)
     else:

@@ -34,6 +34,9 @@ Integers = NDArray[np.int64]
 #: Linear pieces that are kept with an eigensystem, and only one in systems of more modes than these.
 _MOST_REGIMES, _FEW_MODES = 8, 300
 
+#: Numbers of states up to which a motion is sampled at all times at once.
+_FEW_NUMBERS = 2000
+
 #: A harmonic counts as resonant where the steady answer would exceed ten times the static one.
 RESONANT = 0.1
 
@@ -69,38 +72,36 @@ def answers(base: Unloaded, kind: Kind, horizon: float, pushes: Pushes | None = 
         What sliders add to the loads.
     """
     spectrum, m, down = base.spectrum, base.spectrum.p.size, base.spectrum.real.down
-    wave = kind.omega != 0.0
-    e, lines, waves = wave.size, np.flatnonzero(~wave), np.flatnonzero(wave)
-    # The second derivatives that bend lines stand before all waves.
-    function, bend = kind.function[lines] + 1, kind.bend[lines]
+    e, lines, waves = kind.omega.size, kind.lines, kind.waves
 
     def of_lines() -> Answers:
-        forces, rates = _columns(base.local, function)
+        # The second derivatives that bend lines stand before all waves.
+        forces, rates = _columns(base.local, kind.function[lines] + 1)
         if pushes is not None:
             forces, rates = forces + down(pushes.sources[:, lines]), down(pushes.rates[:, lines])
-        return _to_lines(spectrum, forces, rates, bend, horizon)
+        return _to_lines(spectrum, forces, rates, kind.bend[lines], horizon)
 
+    key = horizon, kind.key_of_lines
     if pushes is not None:
         found = of_lines()
     else:
-        slow = [int(np.count_nonzero(p * horizon**2 < 1.0)) for p in (spectrum.p, spectrum.real.p)]
-        key = *slow, function.tobytes(), bend.tobytes()
         if key not in base.lines:
             base.lines[key] = of_lines()
         found = base.lines[key]
     if not waves.size:
         return found
-    function = kind.function[waves] + 1
-    values, rates = _columns(base.inputs, function)
+    values, rates = _columns(base.inputs, kind.function[waves] + 1)
     if pushes is not None:
         values = values + spectrum.real_inputs(down(pushes.sources[:, waves]))
         rates = spectrum.real_inputs(down(pushes.rates[:, waves]))
-    others = _to_waves(spectrum, values, rates, kind.omega[waves], horizon)
-    steady, drive, apart = np.empty((2 * m, 2, e)), np.empty((2 * m, 2, e)), np.empty((m, e), dtype=bool)
-    for columns, own in ((lines, found), (waves, others)):
-        steady[:, :, columns] = own.steady.reshape(2 * m, 2, columns.size)
-        drive[:, :, columns] = own.drive.reshape(2 * m, 2, columns.size)
-        apart[:, columns] = own.apart
+    steady, drive, apart = np.empty((2 * m, 2, e)), np.zeros((2 * m, 2, e)), np.empty((m, e), dtype=bool)
+    apart[:, lines], apart[:, waves] = (
+        found.apart,
+        _add_waves(spectrum, waves, kind.omega[waves], horizon, (values, rates), (steady, drive)),
+    )
+    steady[:, :, lines] = found.steady.reshape(2 * m, 2, lines.size)
+    if found.drive.any():
+        drive[:, :, lines] = found.drive.reshape(2 * m, 2, lines.size)
     return Answers(steady.reshape(2 * m, 2 * e), drive.reshape(2 * m, 2 * e), apart)
 
 
@@ -110,28 +111,34 @@ def _columns(parts: tuple[Array, Array | None], function: Integers) -> tuple[Arr
     return values[:, function], None if rates is None else rates[:, function]
 
 
-def _to_waves(spectrum: Spectrum, values: Array, rates: Array | None, omega: Array, horizon: float) -> Answers:
-    """Return what blocks do under harmonics, given the inputs by their values and rates, each (2m, e)."""
-    m = spectrum.p.size
-    delta, p = spectrum.delta[:, None], spectrum.p[:, None]
-    impedance = p - omega**2 + 2j * delta * omega
+def _add_waves(
+    spectrum: Spectrum, waves: Integers, omega: Array, horizon: float, inputs: tuple[Array, Array | None],
+    into: tuple[Array, Array],
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Write the answers to harmonics and their drive, each (2m, 2, e); return the pairs without an answer, (m, waves).
+
+    The inputs by values and rates of the harmonics are of shape (2m, waves).
+    """
+    (values, rates), (steady, drive), m = inputs, into, spectrum.p.size
+    delta, p, turns = spectrum.delta[:, None], spectrum.p[:, None], 1j * omega
+    impedance = p - omega**2 + 2.0 * delta * turns
     apart = np.abs(impedance) < RESONANT * np.maximum(p, omega**2)
     apart |= (p * horizon**2 < 1.0) & (omega * horizon < 1.0)
     driven = apart if spectrum.plain is None else apart | (spectrum.plain[:, None] == 0.0)
-    more = np.zeros_like(values) if rates is None else rates
-    drive = np.concatenate([values, more], axis=1)
-    both = values if rates is None else values + 1j * omega * rates
+    both = values if rates is None else values + turns * rates
     if driven.any():
         impedance[driven] = 1.0
-        answered = ~np.tile(driven, (2, 1))
-        drive[np.tile(answered, (1, 2))] = 0.0
-        both = both * answered
-    else:
-        drive = np.zeros_like(drive)
-    z = ((2.0 * delta + 1j * omega) * both[:m] + both[m:]) / impedance
-    v = 1j * omega * z - both[:m]
+        left = np.concatenate([driven, driven])
+        drive[:, 0, waves] = values * left
+        if rates is not None:
+            drive[:, 1, waves] = rates * left
+        both = both * ~left
+    z = ((2.0 * delta + turns) * both[:m] + both[m:]) / impedance
+    v = turns * z - both[:m]
     # The rate of a harmonic is its imaginary part.
-    return Answers(np.block([[z.real, z.imag / omega], [v.real, v.imag / omega]]), drive, apart)
+    steady[:m, 0, waves], steady[m:, 0, waves] = z.real, v.real
+    steady[:m, 1, waves], steady[m:, 1, waves] = z.imag / omega, v.imag / omega
+    return apart
 
 
 def _to_lines(spectrum: Spectrum, forces: Array, rates: Array | None, bend: Integers, horizon: float) -> Answers:
@@ -458,7 +465,7 @@ class Motion:
     def sampled(self, rows: Array, low: float, high: float, count: int) -> tuple[Array, Array, Array]:
         """Return times, at least so many equal steps, and modal rows (k, n) of displacements and velocities there."""
         blocks, over = self.regime.blocks, self.regime.over_blocks(rows)
-        fine = max(int(np.sqrt(count)), 1) if blocks.group is None else 1
+        fine = max(int(np.sqrt(count)), 1) if blocks.group is None and count * blocks.of.shape[1] > _FEW_NUMBERS else 1
         tau = np.linspace(low, high, -(-count // fine) * fine + 1)
         changes = flat(self.changes(tau[::fine]))
         values = over @ changes.T

@@ -13,7 +13,6 @@ Systems, Springer 2004, doi:10.1007/978-3-540-44398-8.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,13 +23,13 @@ from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.record import Record
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.integrators.event_driven.table import BLOCKS, OF, Statuses
-from vofem.integrators.event_driven.tangent import bounced
+from vofem.integrators.event_driven.tangent import Event, bounced, drifted, jumped
 from vofem.kernels.addresses import floats, shaped
 from vofem.kernels.jit import jit
-from vofem.linalg.exponential import matrix_change, oscillator
+from vofem.linalg.exponential import oscillator
 from vofem.linalg.oscillators import DELTA, SQUARE
 from vofem.linalg.vectors import inner
-from vofem.system import CLOSED, OPEN, PINNED, ContactLaws
+from vofem.system import CLOSED, ContactLaws
 
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
@@ -58,42 +57,17 @@ class Perturbation:
 
     def drift(self, spectrum: Spectrum, duration: float) -> None:
         """Follow the free motion of a status."""
-        z, v = spectrum.to_blocks(self._z, self._v, shifted=False)
-        clusters = () if spectrum.blocks is None else spectrum.blocks.clusters
-        together = [np.concatenate([z[cluster.member], v[cluster.member]]) for cluster in clusters]
-        _drift(spectrum.delta, spectrum.p, z, v, duration)
-        for cluster, both in zip(clusters, together, strict=True):
-            both = both + matrix_change(np.ascontiguousarray(cluster.generator), duration) @ both
-            z[cluster.member], v[cluster.member] = np.split(both, 2)
-        self._z, self._v = spectrum.to_modes(z, v, shifted=False)
-        self._renormalise()
+        self._take(*drifted(spectrum, self._z[:, None], self._v[:, None], duration))
 
-    def jump(self, events: Sequence[tuple[int, int, int]], velocity: Array) -> None:
-        """Pass an event.
-
-        Parameters
-        ----------
-        events : sequence of (contact, status before, status after)
-        velocity : ndarray, shape (n,)
-            Modal velocity of the run at the event.
-        """
+    def jump(self, event: Event) -> None:
+        """Pass an event. One that is met without speed, as at a grazing, is left out."""
         assert self._laws is not None
-        z, v = self._z.copy(), self._v.copy()
-        for j, before, after in events:
-            row = self._space.contacts[j]
-            if after == PINNED:
-                z -= row * (row @ z) / (row @ row)
-                v -= row * (row @ v) / (row @ row)
-                continue
-            speed = row @ velocity
-            if before == PINNED or speed == 0.0:
-                continue  # the reaction leaves its interval continuously: nothing jumps
-            step = self._laws.damping[j] * speed
-            if self._laws.jump[j]:
-                step += self._laws.stiffness[j] * self._laws.gap[j]
-            sign = -1.0 if (before, after) == (OPEN, CLOSED) else 1.0
-            v += sign * step * (row @ self._z) / speed * row
-        self._z, self._v = z, v
+        z, v = jumped(self._space, self._laws, event, self._z[:, None], self._v[:, None])
+        if np.isfinite(v).all():
+            self._take(z, v)
+
+    def _take(self, z: Array, v: Array) -> None:
+        self._z, self._v = np.ascontiguousarray(z[:, 0]), np.ascontiguousarray(v[:, 0])
         self._renormalise()
 
     def bounce(self, row: Array, restitution: float, rate: float, push: tuple[Array, Array]) -> None:

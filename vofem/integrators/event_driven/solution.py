@@ -29,7 +29,7 @@ from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.event_driven.sensitivity import Perturbation
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.integrators.event_driven.table import Statuses
-from vofem.integrators.event_driven.tangent import acceleration
+from vofem.integrators.event_driven.tangent import Event, acceleration
 from vofem.integrators.registry import advice
 from vofem.integrators.unclosed import never_closed, open_throughout
 from vofem.kernels.mode import as_it_ran, compiled, kernels
@@ -220,6 +220,8 @@ class EventSolution:
 
     def _check_rigid(self, laws: ContactLaws, q: Array) -> None:
         """Open the rigid stops at the start, which bodies may touch but not penetrate; raise where one does."""
+        if not laws.rigid.any():
+            return
         inside = np.where(laws.rigid, laws.rows @ q - laws.gap, 0.0)
         inside[inside <= 1e-12 * (abs(laws.rows) @ np.abs(q) + np.abs(laws.gap))] = 0.0
         if inside.any():
@@ -628,12 +630,12 @@ class EventSolution:
             status = record.status(index)
             traveller.drift(self.linear.spectra[status], record.durations[index])
             if index + 1 < record.segments:
-                after, (_, velocity) = record.status(index + 1), record.state(index + 1)
-                changed = np.flatnonzero(after != status)
+                after = record.status(index + 1)
                 if index + 1 in bounced:
                     traveller.bounce(*self.impact(bounced[index + 1]))
-                elif changed.size:
-                    traveller.jump([(int(j), int(status[j]), int(after[j])) for j in changed], velocity)
+                elif not np.array_equal(after, status):
+                    load = self.load(float(record.starts[index + 1]))
+                    traveller.jump(Event(status, after, *record.state(index + 1), load))
             index += 1
             growth[index] = traveller.growth
         return Sensitivity(np.append(self.segment_starts, self.t_end), growth)

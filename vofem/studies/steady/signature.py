@@ -485,6 +485,7 @@ class Signature:
         value = float(motion.reactions(np.array([duration]))[held, 0]) - (full if status == CLOSED else 0.0)
         columns = path.all_columns[index] if path.all_columns.size else np.empty((2 * n, path.shifts.shape[1]))
         rates = problem.course.loads.at(np.array([float(path.times[index]) + duration]))[0, 1]
+        pushed = force.share[held] @ base.forces[0][:, motion.regime.function + 1]
         real, moved, kept = motion.spectrum.real, columns[:n], problem.course.stuck(path.statuses[index])
         if kept is not None:
             value += float(kept.reaction[held] @ path.ends[index, :n])
@@ -500,12 +501,11 @@ class Signature:
             value -= full if status == UP else -full
         elif laws.rigid[contact]:
             full = float(np.abs(force.displacement[held]) @ np.abs(real.down(path.ends[index, :n])))
-            full += float(np.abs(force.loads[held]) @ np.abs(rates)) / problem.loads.omega
+            full += float(np.abs(pushed) @ np.abs(rates)) / problem.loads.omega
         # The columns move with the end of the segment, the load's phase does too.
         return (
             value,
-            derived
-            + float(force.share[held] @ (base.forces[0][:, motion.regime.function + 1] @ rates)) * path.shifts[index],
+            derived + float(pushed @ rates) * path.shifts[index],
             full,
         )
 

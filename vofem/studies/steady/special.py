@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import isnan
 from typing import Any
 
 from vofem.studies.steady.orbit import PeriodicOrbit
@@ -14,7 +15,7 @@ _LEVEL = 1e-3
 KINDS = ("fold", "period_doubling", "neimark_sacker", "grazing", "branch_point")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SpecialPoint:
     """A point of a branch where its orbits change in kind.
 
@@ -44,7 +45,12 @@ class SpecialPoint:
     place: float = 0.0
     other: float = float("nan")
     #: The `Point` of the continuation; None for points from a file.
-    point: Any = field(default=None, repr=False, compare=False)
+    point: Any = field(default=None, compare=False)
+
+    def __repr__(self) -> str:
+        kind = f"{self.kind} of {self.contact!r}" if self.contact else self.kind
+        other = "" if isnan(self.other) else f", {self.other:.12g}"
+        return f"SpecialPoint({kind} at {self.value:.12g}{other}, {self.orbit!r})"
 
     @property
     def turns(self) -> bool:
