@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import sys
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cached_property, update_wrapper
 from typing import Any, TypeVar, cast
 
@@ -87,11 +88,26 @@ class CompiledFunction:
     def __call__(self, *arguments: Any) -> Any:
         """Call the compiled function, or the plain one."""
         if compiled():
-            return self.dispatcher(*arguments)
+            if "dispatcher" in vars(self):
+                return self.dispatcher(*arguments)
+            with _without_collections():
+                return self.dispatcher(*arguments)
         check_patience()
         # Compiled code divides by zero and overflows without a warning.
         with np.errstate(all="ignore"):
             return self.plain(*arguments)
+
+
+@contextlib.contextmanager
+def _without_collections() -> Iterator[None]:
+    """Let Python not look for garbage: while it compiles, it would look through all of numba's trees in vain."""
+    active = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if active:
+            gc.enable()
 
 
 def _linked(function: Callable[..., Any], form: str) -> Callable[..., Any]:
