@@ -20,7 +20,7 @@ class ModalSamples:
     """The motion at some times, each kind computed when it is first needed.
 
     Displacements and velocities at few times are computed as a whole, so that parts of them have the same bits. At many
-    times, or where there are fewer modes than degrees of freedom, only what is asked for is computed.
+    times only those of the degrees of freedom that are asked for are computed.
 
     Parameters
     ----------
@@ -52,30 +52,11 @@ class ModalSamples:
     @cached_property
     def a(self) -> Array:
         """Accelerations, those of the equation of motion."""
-        return self._shapes @ self._rates
-
-    def lifted(self, shapes: Array) -> ModalSamples:
-        """Return the samples of the same modes in other degrees of freedom, by their shapes there."""
-        return ModalSamples(shapes, self._z, self._v, lambda: self._rates)
+        return self._shapes @ self._acceleration()
 
     def along(self, rows: Any, kind: str) -> Array:
         """Return ``rows @ q`` (kind "q", or v, a) for rows (k, n)."""
-        if not self._fewer:
-            return np.asarray(rows @ getattr(self, kind))
-        return np.asarray(rows @ self._shapes) @ self._modal(kind)
-
-    @property
-    def _fewer(self) -> bool:
-        """Whether there are fewer modes than degrees of freedom."""
-        return self._shapes.shape[1] < self._shapes.shape[0]
-
-    @cached_property
-    def _rates(self) -> Array:
-        return self._acceleration()
-
-    def _modal(self, kind: str) -> Array:
-        """Return modal samples, shape (n_modes, n_times)."""
-        return {"q": self._z, "v": self._v}[kind] if kind != "a" else self._rates
+        return np.asarray(rows @ getattr(self, kind))
 
     def take(self, dofs: IntArray) -> _Some:
         """Return the samples of some degrees of freedom."""
@@ -83,9 +64,7 @@ class ModalSamples:
 
     def last(self) -> tuple[Array, Array]:
         """Return q and v at the last time, each (n,)."""
-        if not self._fewer:
-            return self.q[:, -1], self.v[:, -1]
-        return self._shapes @ self._z[:, -1], self._shapes @ self._v[:, -1]
+        return self.q[:, -1], self.v[:, -1]
 
 
 class _Some(ModalSamples):
@@ -94,21 +73,20 @@ class _Some(ModalSamples):
     def __init__(self, whole: ModalSamples, dofs: IntArray) -> None:
         self._whole, self._dofs = whole, dofs
 
-    def _of(self, kind: str) -> Array:
-        whole, modal = self._whole, self._whole._modal(kind)
-        few = modal.size <= _MANY or 2 * self._dofs.size > len(whole._shapes) or kind == "a"
-        if kind in whole.__dict__ or (few and not whole._fewer):
+    def _of(self, kind: str, modal: Array) -> Array:
+        whole = self._whole
+        if modal.size <= _MANY or 2 * self._dofs.size > modal.shape[0] or kind in whole.__dict__:
             return np.asarray(getattr(whole, kind)[self._dofs])
         return np.asarray(whole._shapes[self._dofs] @ modal)
 
     @cached_property
     def q(self) -> Array:
-        return self._of("q")
+        return self._of("q", self._whole._z)
 
     @cached_property
     def v(self) -> Array:
-        return self._of("v")
+        return self._of("v", self._whole._v)
 
     @cached_property
     def a(self) -> Array:
-        return self._of("a")
+        return self._whole.a[self._dofs]
