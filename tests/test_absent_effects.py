@@ -47,7 +47,6 @@ def test_counters_of_a_bare_beam(method):
     assert scene.model.system.damping is None
     assert scene.model.system.contacts is None
     assert scene.model.system.loads == ()
-    assert scene.model.contact_rows is None
     assert np.all(result.energy.dissipated == 0.0)
     assert np.all(result.energy.work == 0.0)
     assert np.all(result.energy.contact == 0.0)

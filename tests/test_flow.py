@@ -8,6 +8,7 @@ from scenes import on_stop
 
 import vofem as vf
 from vofem.integrators.event_driven.flow import Start, flow, modes_of
+from vofem.kernels.mode import kernels
 from vofem.system import PINNED, Counters
 
 
@@ -163,8 +164,14 @@ def test_simultaneous_events(acts_on, damping, mirrored):
     assert differences(system, state, 12.0) == pytest.approx(one.monodromy, abs=2e-5 * np.abs(one.monodromy).max())
 
 
-def test_a_pinned_contact_projects():
+@pytest.mark.parametrize("compiled", [False, True])
+def test_a_pinned_contact_projects(compiled):
     """A contact that comes to rest at its gap: perturbations across it die, those along it follow the flow."""
+    with kernels(compiled=compiled):
+        pinned_contact_projects()
+
+
+def pinned_contact_projects():
     a, b = vf.Mass(1.0, stiffness=1.0, damping=0.5, name="a"), vf.Mass(1.0, stiffness=2.0, damping=0.3, name="b")
     effects = [
         vf.Spring(a, b, stiffness=1.0),

@@ -5,9 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from orbit_scenes import nlvib_03
 from scenes import paper_beam, two_masses
 
 import vofem as vf
+from vofem.integrators.event_driven import regime
 
 BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
 
@@ -120,3 +122,21 @@ def test_peers_solve_the_same_problem(name, monkeypatch):
     assert seconds > 0.0
     truth = case.reference()
     assert np.max(np.abs(history - truth)) < allowed * np.max(np.abs(truth))
+
+
+def test_a_branch_computes_what_belongs_to_a_status_once(monkeypatch):
+    """Answers to constant forces are those of a status; only the ones to harmonics are computed for each frequency."""
+    calls = {"_to_lines": [], "_add_waves": []}
+    for name, given in calls.items():
+        work = getattr(regime, name)
+
+        def counted(spectrum, *others, work=work, given=given):
+            given.append(spectrum)
+            return work(spectrum, *others)
+
+        monkeypatch.setattr(regime, name, counted)
+    branch = vf.continuation(nlvib_03, 0.8, 0.77)
+    statuses = {id(spectrum) for spectrum in calls["_to_lines"]}
+    # Durations of a run are rounded up to powers of two, so a status may be asked for two of them.
+    assert len(calls["_to_lines"]) <= 3 * len(statuses) <= 12
+    assert len(calls["_add_waves"]) > len(branch)

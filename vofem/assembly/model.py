@@ -43,11 +43,6 @@ class Model:
     joint_rows: csr_matrix | None = None
 
     @property
-    def contact_rows(self) -> csr_matrix | None:
-        """The rows of the contacts, or None where there are none."""
-        return None if self.system.contacts is None else self.law_rows[0]
-
-    @property
     def size(self) -> int:
         """Number of all degrees of freedom N."""
         return int(self.mass.shape[0])

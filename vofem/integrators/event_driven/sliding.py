@@ -242,7 +242,7 @@ class SlidingSolution(EventSolution):
     @cached_property
     def linear(self) -> Regimes:
         """The linear pieces of all statuses."""
-        return Regimes(self.system, self.space, self.load_vectors, self.counters, self.sliders)
+        return Regimes(self.system, self.space, self.load_vectors, self._counted, self.sliders)
 
     def loads_at(self, regime: Regime, times: Array, displacement: Array, gaps: Array) -> Array:
         """Return states of the loads (m, 2, e) at beginnings of segments of one kind; anchors follow from the state."""

@@ -104,6 +104,8 @@ class EventSolution:
         self.t_end = t_end
         self.times = times
         self.counters = counters
+        # Eigensystems of a restored run are no work of that run.
+        self._counted = counters
         self.notes: list[str] = []
         #: The system that the run was given, and as the run sees it: with further rows where there are sliders.
         self.given = self.system = system
@@ -151,7 +153,7 @@ class EventSolution:
     @cached_property
     def linear(self) -> Regimes:
         """The linear pieces of all statuses."""
-        return Regimes(self.system, self.space, self.load_vectors, self.counters)
+        return Regimes(self.system, self.space, self.load_vectors, self._counted)
 
     @property
     def row_sizes(self) -> Array:

@@ -30,9 +30,6 @@ Status = NDArray[np.int64]
 #: Ratio of frequencies between two levels of a spectrum.
 _LEVEL_RATIO = 6.0
 
-#: Frequencies of loads for which responses of a spectrum are kept.
-_MOST_RESPONSES = 16
-
 #: Memory that kept eigensystems may take, bytes.
 _MOST_MEMORY = 512 * 2**20
 
@@ -251,11 +248,6 @@ class Spectra:
         undamped = space.coupling is None and not np.any(space.damping) and (laws is None or not np.any(laws.damping))
         matrices = 1 if undamped else 4
         self.capacity = max(8, _MOST_MEMORY // (8 * matrices * max(space.size, 1) ** 2))
-
-    @property
-    def all_kept(self) -> bool:
-        """Whether the eigensystems of all statuses so far are kept."""
-        return len(self._visited) <= self.capacity
 
     def __getitem__(self, status: Status) -> Spectrum:
         """Return the eigensystem of a status, shape (n_contacts,)."""
