@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.base import ContactSamples, Energies, SpringSamples, status_at
 from vofem.integrators.event_driven.modal_samples import ModalSamples
-from vofem.integrators.slider_history import SliderSamples
 from vofem.laws import LawGroup, LawSet
 from vofem.result import Result
 from vofem.scene import Scene
@@ -21,6 +20,9 @@ from vofem.studies.steady.linear_rest import LinearRest
 from vofem.studies.steady.orbit import TIMES
 from vofem.studies.steady.trigonometric import basis, roots, to_real, turning_points
 from vofem.system import CLOSED, OPEN, Counters, Events, System
+
+if TYPE_CHECKING:
+    from vofem.integrators.slider_history import SliderSamples
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -163,6 +165,8 @@ class HarmonicSolution:
 
     def friction(self, times: Array) -> SliderSamples:
         """Return the sliders at some times; they slide where their force has its limit."""
+        from vofem.integrators.slider_history import SliderSamples
+
         group = self._sliders
         force, stored, dissipated = self._along_path([group], times)[0][0]
         limits = group.limits()[:, None]
