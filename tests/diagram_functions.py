@@ -1,6 +1,7 @@
 """Scenes for diagrams; in a module of their own, so that other processes can import them."""
 
 import numpy as np
+from scenes import on_stop
 
 import vofem as vf
 
@@ -21,9 +22,7 @@ def two_masses(omega):
 
 
 def oscillator(omega, gap):
-    mass = vf.Mass(1.0, 1.0, 0.1, name="m")
-    stop = vf.Contact(mass, gap=gap, stiffness=8.0, side="above", acts_on="penetration", name="stop")
-    return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, omega))])
+    return on_stop(vf.Mass(1.0, 1.0, 0.1, name="m"), load=vf.Sine(1.0, omega), gap=gap, stiffness=8.0)[1]
 
 
 def start(q1):
@@ -32,6 +31,4 @@ def start(q1):
 
 def transient(omega):
     """No steady state: the load is not periodic."""
-    mass = vf.Mass(1.0, 1.0, 0.1, name="m")
-    stop = vf.Contact(mass, gap=0.1, stiffness=8.0, side="above", acts_on="penetration", name="stop")
-    return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Pulse(1.0, 0.5, 0.1 * omega))])
+    return on_stop(vf.Mass(1.0, 1.0, 0.1, name="m"), load=vf.Pulse(1.0, 0.5, 0.1 * omega), gap=0.1, stiffness=8.0)[1]

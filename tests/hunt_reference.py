@@ -3,8 +3,6 @@
 It shares M, C, K, rows and load vectors with the package; laws, loads and time stepping are written out here.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

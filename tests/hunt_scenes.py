@@ -1,7 +1,5 @@
 """Adversarial scenes for methods that step in time, out of a `random.Random`, and how each is to be run."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """Scenes whose steady states are known, for tests and benchmarks."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import vofem as vf

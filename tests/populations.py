@@ -5,8 +5,6 @@ reach the other end of its interval, to return to its own, or to close. Every or
 over its period, and both directions are to list the same special points.
 """
 
-from __future__ import annotations
-
 import argparse
 import collections
 import itertools

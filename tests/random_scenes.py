@@ -1,7 +1,5 @@
 """Random scenes out of a `random.Random`."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -9,8 +9,6 @@ gives up, and says until when it holds, where contacts graze within rounding,
 where events pile up, and where a budget of samples is spent.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import NamedTuple
 

@@ -1,7 +1,6 @@
 """The scenes that several tests use."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,8 +13,8 @@ from vofem.verification.cases.published import entry as quantity
 from vofem.verification.cases.published import published
 
 __all__ = [
-    "FREE", "LAWS", "SHORT", "alone", "between_stops", "broken_off", "cantilever", "in_a_row", "on_stop", "paper_beam",
-    "published", "quantity", "reference", "two_masses",
+    "FREE", "LAWS", "SHORT", "PowerLossError", "alone", "between_stops", "broken_off", "cantilever", "in_a_row",
+    "lose_power", "on_stop", "paper_beam", "published", "quantity", "reference", "two_masses",
 ]  # fmt: skip
 
 DATA = Path(__file__).parent / "data"
@@ -125,12 +124,17 @@ class PowerLossError(Exception):
     """Ends a run in its middle, as a lost machine would."""
 
 
-def broken_off(path: Path, share: float, scene: vf.Scene, t_end: float, **arguments: Any) -> None:
-    """Run a scene until a share of its time has passed, and leave its checkpoint."""
+def lose_power(share: float) -> Callable[[float, float], None]:
+    """Progress that ends a run once a share of its time has passed."""
 
-    def lose_power(t: float, t_end: float) -> None:
+    def told(t: float, t_end: float) -> None:
         if t > share * t_end:
             raise PowerLossError
 
+    return told
+
+
+def broken_off(path: Path, share: float, scene: vf.Scene, t_end: float, **arguments: Any) -> None:
+    """Run a scene until a share of its time has passed, and leave its checkpoint."""
     with pytest.raises(PowerLossError):
-        vf.simulate(scene, t_end, checkpoint=path, checkpoint_every=0.0, progress=lose_power, **arguments)
+        vf.simulate(scene, t_end, checkpoint=path, checkpoint_every=0.0, progress=lose_power(share), **arguments)

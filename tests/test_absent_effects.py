@@ -1,7 +1,5 @@
 """What a scene does not call for is not built, not evaluated and not counted."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """What accuracy costs: studies of error against time, and the mesh that they need."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 from itertools import pairwise
@@ -16,7 +14,7 @@ import vofem as vf
 from vofem import cli
 from vofem.cli import show_progress
 from vofem.io import plot
-from vofem.io.study_tables import study_table, write_study
+from vofem.io.tables import study_table, write_study
 from vofem.studies.accuracy.bench import Source, default_point
 from vofem.studies.accuracy.exact import Question, exact
 from vofem.studies.accuracy.quantities import Observed, compare

@@ -1,7 +1,5 @@
 """Callables as closed forms: the tolerance holds, and what cannot be done says so."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The layout: imports point one way; what is imported when is tested in test_start_up.py."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

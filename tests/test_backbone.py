@@ -1,7 +1,5 @@
 """Nonlinear normal modes and Lyapunov exponents, against closed forms and independent orbits."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from orbit_scenes import bilinear, nlvib_03

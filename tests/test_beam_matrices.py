@@ -1,7 +1,5 @@
 """Element matrices, assembly, supports, points and fields of beams."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import eigh

@@ -1,7 +1,5 @@
 """What must agree to the last bit."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import FORCES, LAWS, cantilever, two_masses

@@ -1,7 +1,5 @@
 """Small runs keep BLAS to one thread, large ones leave it alone, and what was set before comes back."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from threadpoolctl import ThreadpoolController

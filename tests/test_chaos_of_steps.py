@@ -1,12 +1,10 @@
 """Whether runs in time steps are chaotic: a second run from a start nearby tells, and regular runs raise no alarm."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
 import pytest
-from scenes import between_stops
+from scenes import between_stops, on_stop
 
 import vofem as vf
 from vofem.integrators.stepping import nearby
@@ -75,8 +73,7 @@ def test_the_second_run_is_made_where_it_is_wanted(monkeypatch):
     assert made == [0.04] + 2 * [0.02, 0.04]
     # Steps may be 1.9 times as large up to the critical one; where it leaves no room they are smaller.
     beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"})
-    stop = vf.Contact(beam.at(1.0), gap=0.01, stiffness=5.0, side="above", acts_on="penetration")
-    slow = vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), vf.Sine(0.1, 1.0))])
+    slow = on_stop(beam.at(1.0), load=vf.Sine(0.1, 1.0), gap=0.01, stiffness=5.0)[1]
     (note,) = vf.simulate(slow, 2.0, method="central_difference").notes
     critical = float(note.split("critical step is ")[1].split()[0])
     for part, other in ((0.5, 0.95), (0.9, 0.45)):

@@ -1,12 +1,10 @@
 """Where the exact method is not the cheapest, a tolerance lets steps take its place, and a note says so."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np
 import pytest
-from scenes import cantilever
+from scenes import cantilever, on_stop
 
 import vofem as vf
 from vofem.simulate import methods
@@ -74,9 +72,7 @@ def test_a_method_that_is_named_is_taken():
 def test_many_steps_where_none_are_needed_are_told():
     """Before the run `explain` says what "auto" takes; after a run with another method a note does."""
     beam = cantilever(4)
-    tip = beam.at(1.0)
-    stop = vf.Contact(tip, gap=0.01, stiffness=100.0, side="below", acts_on="penetration", name="stop")
-    scene = vf.Scene([beam], [stop, vf.PointLoad(tip, vf.Sine(0.1, 3.0))])
+    tip, scene = on_stop(beam.at(1.0), load=vf.Sine(0.1, 3.0), gap=0.01, stiffness=100.0, side="below")
     assert "Method: event_driven" in str(vf.explain(scene, 2.0, 1e-4))
     assert vf.simulate(scene, 2.0, tol=1e-4).method == "event_driven"
     result = vf.simulate(scene, 2.0, method="energy_conserving", tol=2e-4)

@@ -1,7 +1,5 @@
 """Damped modes that coincide: blocks and clusters against matrix exponentials."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Compiled code on disk: what is known of it, who shares it, where it cannot be kept."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

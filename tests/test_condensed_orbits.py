@@ -1,7 +1,5 @@
 """Shooting on fine meshes: few vectors stand for all modes, and the orbit says what they leave out."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

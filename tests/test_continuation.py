@@ -4,15 +4,13 @@
 the reference data.
 """
 
-from __future__ import annotations
-
 import json
 from decimal import Decimal
 
 import numpy as np
 import pytest
 from orbit_scenes import bilinear, impact_oscillator, nlvib_03, state_at_cosine
-from scenes import DATA, between_stops
+from scenes import DATA, between_stops, on_stop
 from scipy.integrate import solve_ivp
 
 import vofem as vf
@@ -437,8 +435,7 @@ def test_pairs_that_meet_on_the_unit_circle_without_damping():
 
     def build(omega, *others):
         beam = vf.Beam(1.0, EI=1.0, rhoA=1.0, elements=5, supports={"left": "clamped"}, name="beam")
-        stop = vf.Contact(beam.at(1.0), gap=0.02, stiffness=50.0, side="below", acts_on="penetration", name="stop")
-        return vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), vf.Sine(0.02, omega)), *others])
+        return on_stop(beam.at(1.0), *others, load=vf.Sine(0.02, omega), gap=0.02, stiffness=50.0, side="below")[1]
 
     start = vf.periodic(build(2.884, vf.ModalDamping(0.02)))
     branch = vf.continuation(build, 2.884, 2.8875, guess=start)

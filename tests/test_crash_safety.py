@@ -1,7 +1,5 @@
 """Writing fails at every place, processes die at any moment: the file is the old one or the new one, whole."""
 
-from __future__ import annotations
-
 import errno
 import os
 import subprocess
@@ -54,46 +52,52 @@ def no_links(*_arguments):
     raise OSError(errno.EPERM, os.strerror(errno.EPERM))
 
 
-@pytest.mark.parametrize("name", ["fsync", "replace", "open"])
-def test_every_step_of_the_replacement_may_fail(name, tmp_path, monkeypatch):
-    path = tmp_path / "file"
-    path.write_text("before")
-
-    def fail(*_arguments, **_options):
-        raise OSError(errno.EIO, os.strerror(errno.EIO))
-
-    with monkeypatch.context() as patched:
-        patched.setattr(files.os, name, fail)
-        with pytest.raises(vf.OutputError, match="Input/output error"):
-            replace_text(path, "after", overwrite=True)
-    assert path.read_text() == "before"
-    assert only(path)
-
-
-def test_every_writer_leaves_all_or_nothing(results, old, tmp_path, monkeypatch):
-    """Where the disk does not take a file, what was there stays, and nothing else remains."""
-    result, (ball,) = results[1], results[1].scene.bodies
+@pytest.fixture(scope="module")
+def branch():
     _, driven = alone(vf.Mass(1.0, stiffness=1.0, damping=0.1, name="m"), load=vf.Sine(1.0, 1.0))
-    branch = vf.continuation(lambda omega: driven.replace(driven.effects[0], f=vf.Sine(1.0, omega)), 0.5, 0.6)
+    return vf.continuation(lambda omega: driven.replace(driven.effects[0], f=vf.Sine(1.0, omega)), 0.5, 0.6)
 
-    def full(*_arguments):
+
+def contents(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("there", [True, False])
+@pytest.mark.parametrize("name", ["fsync", "replace", "open", "mkdir", "write_bytes"])
+def test_every_writer_leaves_all_or_nothing(name, there, results, branch, tmp_path, monkeypatch):
+    """Whichever call of the system fails, what was there stays, and nothing else remains."""
+    (ball,) = results[0].scene.bodies
+    writers = {
+        "run": lambda run: run.save(tmp_path / "run.vtkhdf", overwrite=True),
+        "branch": lambda _: branch.save(tmp_path / "branch.h5", overwrite=True),
+        "scene": lambda run: vf.dump_scene(run.scene, tmp_path / "scene.toml"),
+        "table": lambda run: write_csv(run, [ball], tmp_path / "run.csv"),
+        "series": lambda run: write_series(run, tmp_path / "run.pvd"),
+        "picture": lambda run: time_history(run, ball, tmp_path / "run.png"),
+    }
+    if not there:
+        writers |= {
+            "checkpoint": lambda run: vf.simulate(
+                run.scene, 1.0, checkpoint=tmp_path / "run.checkpoint", checkpoint_every=0.0
+            ),
+            "sweep": lambda _: vf.sweep(
+                lambda x: {"y": x}, {"x": [1.0]}, executor="serial", store=tmp_path / "rows.h5"
+            ),
+        }
+    if name in ("mkdir", "write_bytes"):
+        writers = {"series": writers["series"]}
+    for write in writers.values() if there else ():
+        write(results[0])
+    before = contents(tmp_path)
+
+    def full(*_arguments, **_options):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(files.os, "fsync", full)
-    for write in (
-        lambda: result.save(old[0], overwrite=True),
-        lambda: branch.save(tmp_path / "branch.h5"),
-        lambda: vf.simulate(result.scene, 1.0, checkpoint=tmp_path / "run.checkpoint", checkpoint_every=0.0),
-        lambda: vf.dump_scene(result.scene, tmp_path / "scene.toml"),
-        lambda: write_csv(result, [ball], tmp_path / "run.csv"),
-        lambda: write_series(result, tmp_path / "run.pvd"),
-        lambda: time_history(result, ball, tmp_path / "run.png"),
-        lambda: vf.sweep(lambda x: {"y": x}, {"x": [1.0]}, executor="serial", store=tmp_path / "rows.h5"),
-    ):
-        with pytest.raises(vf.OutputError, match="No space left on device; make room in"):
-            write()
-        assert old[0].read_bytes() == old[1]
-        assert only(old[0])
+    monkeypatch.setattr(Path if name in ("mkdir", "write_bytes") else files.os, name, full)
+    for what, write in writers.items():
+        with pytest.raises(vf.OutputError, match="No space left on device"):
+            write(results[1])
+        assert contents(tmp_path) == before, what
 
 
 def test_a_file_that_exists_is_kept(results, old):
@@ -136,7 +140,8 @@ def test_a_folder_that_cannot_be_forced_to_disk_is_no_error(tmp_path, monkeypatc
 
 def test_places_that_cannot_be_written(results, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
-    (tmp_path / "folder.vtkhdf").mkdir()
+    for folder in ("folder.vtkhdf", "folder.pvd"):
+        (tmp_path / folder).mkdir()
     for name, message in (
         ("file/run.vtkhdf", "is a file, not a folder"),
         ("none/run.vtkhdf", "does not exist; create it first"),
@@ -145,6 +150,8 @@ def test_places_that_cannot_be_written(results, tmp_path, monkeypatch):
         for overwrite in (False, True):
             with pytest.raises(vf.OutputError, match=message):
                 results[0].save(tmp_path / name, overwrite=overwrite)
+        with pytest.raises(vf.OutputError, match=message):
+            write_series(results[0], (tmp_path / name).with_suffix(".pvd"))
     for name in ("run.png", "run", 3):
         with pytest.raises(vf.ArgumentError, match="path is"):
             results[0].save(name)
@@ -155,7 +162,7 @@ def test_places_that_cannot_be_written(results, tmp_path, monkeypatch):
     monkeypatch.setattr(files.os, "open", read_only)
     with pytest.raises(vf.OutputError, match=r"Read-only file system; check the permissions"):
         results[0].save(tmp_path / "run.vtkhdf")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder.vtkhdf"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder.pvd", "folder.vtkhdf"]
 
 
 # -- processes --------------------------------------------------------------------------------------

@@ -1,7 +1,5 @@
 """Complex modes of structures and contacts with dampers: roots, static responses, energies of runs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import cantilever

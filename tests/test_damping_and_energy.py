@@ -1,7 +1,5 @@
 """Damping of every kind, energies and their balance, reactions."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Diagrams over many scenes, against orbits found by shooting and known multistability."""
 
-from __future__ import annotations
-
 import diagram_functions as functions
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The pages say what works: their Python runs, their links lead somewhere."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 from pathlib import Path
@@ -14,38 +12,31 @@ from vofem.io.scenes import schema
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
-PAGES = [
-    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "examples/README.md")),
-    *sorted(DOCS.rglob("*.md")),
-]
+PAGES = [*(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "examples/README.md")), *sorted(DOCS.rglob("*.md"))]
 
 
 def python_of(page):
     return re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
 
 
+def run_page(page):
+    """Run the blocks of a page one after the other, and return the names that they define."""
+    names = {"__name__": page.stem}
+    for block in python_of(page):
+        exec(compile(block, page.name, "exec"), names)
+    return names
+
+
 @pytest.mark.parametrize(
     ("page", "files"),
     [
+        (ROOT / "README.md", ["run.vtkhdf", "tip.png"]),
         (
-            ROOT / "README.md",
-            ["run.vtkhdf", "tip.png"],
+            DOCS / "pictures.md",
+            ["history.gif", "history.png", "map.png", "mode.gif", "paper.pdf", "shapes.png", "side.gif", "side.png"],
         ),
         (
-            ROOT / "docs" / "pictures.md",
-            [
-                "history.gif",
-                "history.png",
-                "map.png",
-                "mode.gif",
-                "paper.pdf",
-                "shapes.png",
-                "side.gif",
-                "side.png",
-            ],
-        ),
-        (
-            ROOT / "docs" / "steady-states.md",
+            DOCS / "steady-states.md",
             [
                 "backbone.png",
                 "cantilever.png",
@@ -62,9 +53,7 @@ def python_of(page):
 )
 def test_python_of_a_page_runs(page, files, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    names = {"__name__": page.stem}
-    for block in python_of(page):
-        exec(compile(block, page.name, "exec"), names)
+    names = run_page(page)
     assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == files
     # That of the steady state, whose damped modes reach 1e4 rad/s, is 1.4e-12.
     assert names["result"].energy.balance_error < (1e-11 if page.stem == "steady-states" else 1e-12)
@@ -72,22 +61,12 @@ def test_python_of_a_page_runs(page, files, tmp_path, monkeypatch, capsys):
 
 def test_python_of_the_page_on_sweeps_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    names = {"__name__": "sweeps"}
-    for block in python_of(ROOT / "docs" / "sweeps.md"):
-        exec(compile(block, "sweeps.md", "exec"), names)
+    names = run_page(DOCS / "sweeps.md")
     assert names["table"]["tip"].shape == (3, 2)
     assert names["table"].failed == ()
     assert names["diagram"].failed == ()
     assert names["shared"]["eigensolves"].tolist() == [1, 0, 0]
     assert sum(one.share for one in names["found"].attractors) == pytest.approx(1.0)
-
-
-def run_page(page):
-    """Run the blocks of a page one after the other, and return the names that they define."""
-    names = {"__name__": page.stem}
-    for block in python_of(page):
-        exec(compile(block, page.name, "exec"), names)
-    return names
 
 
 def test_a_first_scene(tmp_path, monkeypatch, capsys):

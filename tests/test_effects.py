@@ -1,7 +1,5 @@
 """Foundations, base motion, nonlinear springs; published cases that need them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

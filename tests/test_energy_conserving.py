@@ -1,7 +1,5 @@
 """The midpoint rule with discrete gradients: energy at any step, order, contact laws, steps by tolerance."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import Phase, given, settings

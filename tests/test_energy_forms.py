@@ -1,7 +1,5 @@
 """Work and dissipation of event_driven runs: against quadrature of the power, their balance, and what they cost."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import between_stops, cantilever

@@ -80,6 +80,10 @@ def counted(monkeypatch):
     return counts
 
 
+#: Breakpoints of a load.
+TIMES = np.linspace(0.0, 20.0, 4001)
+
+
 def coordinates(result):
     samples = result.solution.sample(result.times)
     return samples.q, samples.v
@@ -87,10 +91,11 @@ def coordinates(result):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_the_loop_does_what_plain_python_does(name, monkeypatch):
-    """In plain Python each status is a table of its own, from which the loop returns at every event."""
+    """Plain Python returns from the loop after every segment."""
     build, t_end = SCENES[name]
     by_loop = run(build(), t_end)
-    monkeypatch.setattr(follow, "MOST_MODES", 0)
+    monkeypatch.setattr(follow, "FIRST_CALL", 1)
+    monkeypatch.setattr(follow, "MOST", 1)
     counts = counted(monkeypatch)
     by_steps = vf.simulate(
         build(), t_end, method="event_driven", times=np.linspace(0.0, t_end, 61), compiled=False
@@ -109,21 +114,14 @@ def test_the_loop_does_what_plain_python_does(name, monkeypatch):
     assert abs(by_loop.energy.balance_error) < 1e-11
 
 
-def test_few_returns_to_python(monkeypatch):
-    """Statuses that are met for the first time, and arrays that grow: nothing that grows with the number of events."""
+@pytest.mark.parametrize("load", [None, vf.Tabulated(TIMES, np.sin(1.3 * TIMES))], ids=["events", "breakpoints"])
+def test_few_returns_to_python(load, monkeypatch):
+    """Statuses that are met for the first time, and arrays that grow: nothing that grows with events or breakpoints."""
     counts = counted(monkeypatch)
-    result = run(rattle(), 4000.0)
-    assert result.counters.events > 1500
+    result = run(rattle(load), 4000.0 if load is None else 20.0)
+    assert result.counters.steps > 1500
     assert counts["calls"] <= 20
     assert abs(result.energy.balance_error) < 1e-11
-
-
-def test_breakpoints_stay_in_the_loop(monkeypatch):
-    counts = counted(monkeypatch)
-    times = np.linspace(0.0, 20.0, 4001)
-    result = run(rattle(vf.Tabulated(times, np.sin(1.3 * times))), 20.0)
-    assert result.counters.steps > 4000
-    assert counts["calls"] <= 20
 
 
 @pytest.mark.parametrize("name", ["beam, damped", "chain", "pinned"])
@@ -173,7 +171,8 @@ def flow_of(scene):
 def test_flows_are_those_of_single_steps(monkeypatch):
     build = SCENES["beam, damped"][0]
     by_loop = flow_of(build())
-    monkeypatch.setattr(follow, "MOST_MODES", 0)
+    monkeypatch.setattr(follow, "FIRST_CALL", 1)
+    monkeypatch.setattr(follow, "MOST", 1)
     counts = counted(monkeypatch)
     by_steps = flow_of(build())
     assert counts["calls"] >= 4

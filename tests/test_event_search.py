@@ -1,7 +1,5 @@
 """The search for events: nothing is missed, however short, and nothing is found that is not there."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import cantilever, on_stop
@@ -39,19 +37,16 @@ def overdamped_without_spring(t):
 @pytest.mark.parametrize("eps", [1e-3, 1e-6, 1e-9])
 @pytest.mark.parametrize(
     ("exact", "stiffness", "load", "speed", "bracket"),
-    [
-        (overdamped_spring, 1.0, 0.0, 1.0, (1e-3, 1.0)),
-        (overdamped_without_spring, 0.0, 1.0, 0.0, (1.0, 2.0)),
-    ],
+    [(overdamped_spring, 1.0, 0.0, 1.0, (1e-3, 1.0)), (overdamped_without_spring, 0.0, 1.0, 0.0, (1.0, 2.0))],
 )
 def test_grazing_of_overdamped_motions(exact, stiffness, load, speed, bracket, eps):
     """The top is reached within a hundredth of the slow decay, or by the load; just below and just above it."""
     top = brentq(lambda t: exact(t)[1], *bracket, xtol=1e-15)
     height = exact(top)[0]
     for gap, events in ((height * (1.0 - eps), 2), (height * (1.0 + eps), 0)):
-        mass = vf.Mass(1.0, stiffness, 100.0)
-        stop = vf.Contact(mass, gap=gap, stiffness=1e-9, side="above", acts_on="penetration", name="stop")
-        scene = vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(load, 2.0))], initial={mass: (0.0, speed)})
+        scene = on_stop(
+            vf.Mass(1.0, stiffness, 100.0), load=vf.Sine(load, 2.0), start=(0.0, speed), gap=gap, stiffness=1e-9
+        )[1]
         result = vf.simulate(scene, 2.5, method="event_driven")
         assert result.counters.events == events
         assert result.counters.gap_evaluations < 300
@@ -67,9 +62,9 @@ def test_grazing_of_overdamped_motions(exact, stiffness, load, speed, bracket, e
 def test_a_heavily_damped_beam_that_starts_at_its_stop(side):
     """Its fast modes are overdamped, up to rates of 1e8 1/s, and decay at 100 1/s after that."""
     beam = cantilever(50)
-    tip = beam.at(1.0)
-    stop = vf.Contact(tip, gap=0.0, stiffness=100.0, side=side, acts_on="penetration")
-    scene = vf.Scene([beam], [stop, vf.RayleighDamping(0.0, 1e-2), vf.PointLoad(tip, vf.Sine(1.0, 5.0))])
+    tip, scene = on_stop(
+        beam.at(1.0), vf.RayleighDamping(0.0, 1e-2), load=vf.Sine(1.0, 5.0), gap=0.0, stiffness=100.0, side=side
+    )
     times = np.linspace(0.0, 1.0, 101)
     result = vf.simulate(scene, 1.0, times=times, method="event_driven")
     assert result.counters.gap_evaluations < 1200

@@ -1,7 +1,5 @@
 """Every example runs, and a number that it prints is right."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path

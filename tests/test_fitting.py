@@ -1,7 +1,5 @@
 """Fits of numbers of a scene, against maximum-likelihood solutions of an independent program (`data/README.md`)."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The flow of a system and its exact derivative, against differences of flows and what mechanics says of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings

@@ -1,7 +1,5 @@
 """A process that is forked while other threads run vofem computes as well, and does not wait for their locks."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

@@ -1,7 +1,5 @@
 """The operator on constants, the order law and the scaling factor."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

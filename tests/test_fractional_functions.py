@@ -1,7 +1,5 @@
 """The operator on functions: closed forms, observed orders, both readings of a varying order, history, bad input."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

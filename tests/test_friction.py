@@ -1,8 +1,5 @@
 """Dry friction in event_driven, against reference data, closed forms and an integration that is written here."""
 
-from __future__ import annotations
-
-import copy
 import json
 from pathlib import Path
 from typing import Any
@@ -12,8 +9,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import vofem as vf
-from vofem.integrators import event_driven
-from vofem.integrators.stepping.methods import energy_conserving
 from vofem.io.csv_file import write_csv
 
 pytestmark = pytest.mark.kernels("plain")
@@ -262,8 +257,8 @@ def test_sliders_that_hold_each_other_share_the_load() -> None:
     assert balance(result) < 1e-11
 
 
-def test_friction_beside_contacts_and_rigid_stops(tmp_path: Path) -> None:
-    """A block that slides against an elastic stop on one side and a rigid one on the other; loaded, the same."""
+def test_friction_beside_contacts_and_rigid_stops() -> None:
+    """A block that slides against an elastic stop on one side and a rigid one on the other."""
     block = vf.Mass(1.0, stiffness=5.0, name="block")
     effects = [
         vf.Friction(block, coefficient=0.2, normal=2.0, name="plane"),
@@ -279,10 +274,6 @@ def test_friction_beside_contacts_and_rigid_stops(tmp_path: Path) -> None:
     assert balance(result) < 1e-12
     lost = result.frictions["plane"].dissipated[-1] + result.contacts["hard"].impacts.absorbed.sum()
     assert result.energy.dissipated[-1] > lost
-    loaded = vf.load(result.save(tmp_path / "block.vtkhdf"))
-    for name in ("force", "slip_speed", "status", "dissipated", "stops", "breaks"):
-        one, other = (getattr(run.frictions["plane"], name) for run in (result, loaded))
-        np.testing.assert_array_equal(one, other)
 
 
 def test_sliders_are_columns_of_tables_and_files(tmp_path: Path) -> None:
@@ -316,31 +307,6 @@ def test_sliders_are_columns_of_tables_and_files(tmp_path: Path) -> None:
             column = lines[0].split(",").index(f"{name} slip speed [{speed}]")
             assert [float(line.split(",")[column]) for line in lines[1:]] == history.slip_speed.tolist()
         assert stored.friction_dissipated.attrs == {"units": "J"}
-
-
-def test_an_interrupted_run_continues_with_the_same_bits() -> None:
-    """A run that goes on from a snapshot in the middle, sliders, impacts and all."""
-    block = vf.Mass(1.0, stiffness=5.0, name="block")
-    effects = [
-        vf.Friction(block, coefficient=0.2, normal=2.0, name="plane"),
-        vf.Friction(block, coefficient=0.1, static=0.15, normal=2.0, stiffness=300.0, name="spring"),
-        vf.RigidStop(block, gap=0.15, restitution=0.7, side="below", name="hard"),
-        vf.PointLoad(block, vf.Sine(4.0, 3.0)),
-    ]
-    scene, times = vf.Scene([block], effects), np.linspace(0.0, 10.0, 101)
-    system, start = scene.model.system, scene.initial_state()
-    kept: list[Any] = []
-
-    def watch(time: float, snapshot: Any, cut: bool) -> None:
-        if 4.0 < time < 6.0:
-            kept.append(copy.deepcopy(snapshot()))
-
-    whole = event_driven.run(system, start, 10.0, times, observer=watch)
-    assert len(kept) > 3
-    for snapshot in kept[:4]:
-        again = event_driven.run(system, start, 10.0, times, resume=snapshot)
-        np.testing.assert_array_equal(again.segments.starts, whole.segments.starts)
-        np.testing.assert_array_equal(again.segments.displacement, whole.segments.displacement)
 
 
 def steps(scene: vf.Scene, t_end: float, count: int, times: np.ndarray | None = None) -> vf.Result:
@@ -470,33 +436,9 @@ def test_several_sliders_on_a_beam_in_steps_agree_with_the_exact_run() -> None:
     assert balance(steps(scene, 1.5, 600)) < 1e-12
 
 
-def test_friction_under_a_contact_in_files_snapshots_and_refusals(tmp_path: Path) -> None:
-    """A run is stored, continued, and written as a scene; what cannot be treated is refused by name."""
+def test_friction_under_a_contact_is_refused_where_it_cannot_be_treated() -> None:
     s, _, _ = data("bounce_spring")
     scene, x = bouncing(s)
-    result = steps(scene, 0.5, 500)
-    loaded = vf.load(result.save(tmp_path / "bounce.vtkhdf"))
-    for name in ("force", "slip_speed", "status", "dissipated", "wear_power", "stops", "breaks"):
-        one, other = (getattr(each.frictions["pad"], name) for each in (result, loaded))
-        np.testing.assert_array_equal(one, other)
-    vf.dump_scene(scene, tmp_path / "scene.toml")
-    read = vf.load_scene(tmp_path / "scene.toml").scene
-    np.testing.assert_array_equal(steps(read, 0.5, 500).displacement(read.bodies[0]), result.displacement(x))
-    beam = vf.Beam(1.0, 10.0, 0.5, 20, {"left": "clamped"}, name="beam")
-    effects = [
-        vf.Friction(beam.at(0.5), coefficient=0.5, normal=4.0, name="one"),
-        vf.Friction(beam.at(1.0), coefficient=0.2, normal=1.0, stiffness=300.0, name="two"),
-        vf.PointLoad(beam.at(0.75), vf.Sine(6.0, 9.0)),
-    ]
-    long = vf.Scene([beam], effects)
-    system, start, kept = long.model.system, long.initial_state(), list[Any]()
-    whole = energy_conserving(
-        system, start, 1.0, None, 1e-3, lambda _, snapshot, __: kept.append(copy.deepcopy(snapshot())), nearby=False
-    )
-    assert len(kept) > 2
-    more = energy_conserving(system, start, 1.0, None, 1e-3, resume=kept[1], nearby=False)
-    np.testing.assert_array_equal(more.samples.q, whole.samples.q)
-    np.testing.assert_array_equal(more.friction(more.times).dissipated, whole.friction(whole.times).dissipated)
     with pytest.raises(vf.MethodError, match=r"'pad' is pressed by the contact 'floor'.*event_driven.*energy_conserv"):
         run(scene, 1.0)
     with pytest.raises(vf.MethodError, match=r"tol= does not choose steps for Friction 'pad'; give dt="):
@@ -519,15 +461,12 @@ def test_friction_under_a_contact_in_files_snapshots_and_refusals(tmp_path: Path
         steps(vf.Scene([x], twins), 1.0, 10)
 
 
-def test_sliders_in_scene_files_and_refusals(tmp_path: Path) -> None:
+def test_what_takes_no_slider_names_it() -> None:
     """Everything that cannot take a slider names it, and says what can."""
     mass = vf.Mass(1.0, stiffness=10.0, name="mass")
     pad = vf.Friction(mass, coefficient=0.3, static=0.4, normal=2.0, belt=vf.Sine(0.1, 2.0), name="pad")
     scene = vf.Scene([mass], [pad, vf.PointLoad(mass, vf.Sine(3.0, 2.0))])
-    vf.dump_scene(scene, tmp_path / "scene.toml")
-    again = vf.load_scene(tmp_path / "scene.toml").scene
-    first, second = run(scene, 3.0), run(again, 3.0)
-    np.testing.assert_array_equal(first.displacement(mass), second.displacement(again.bodies[0]))
+    first = run(scene, 3.0)
     assert "coefficient 0.3, 0.4 at break-away" in str(vf.explain(scene))
     for method in ("generalized_alpha", "central_difference"):
         with pytest.raises(vf.MethodError, match=r"Friction 'pad'.*event_driven.*energy_conserving"):
@@ -596,7 +535,7 @@ def test_harmonic_balance_of_a_slider_behind_a_spring(tmp_path: Path) -> None:
     np.testing.assert_allclose(last[last > 0.0], balanced.result.frictions["pad"].breaks, atol=1e-5 * period)
 
     for wrong, found in (
-        ({}, "sticks rigidly, so its force jumps.*give the slider a spring"),
+        ({}, "sticks rigidly, so its force jumps.*find the orbit by shooting, give the slider a spring"),
         ({"stiffness": 1.0, "static": 0.4}, "has a static coefficient above the sliding one"),
         ({"stiffness": 1.0, "belt": 0.1}, "lies on a belt"),
     ):

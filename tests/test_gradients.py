@@ -1,7 +1,5 @@
 """Gradients by one pass backward equal the forward derivatives."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

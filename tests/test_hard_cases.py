@@ -1,7 +1,5 @@
 """Cases and symmetries that codes of this kind get wrong, for event_driven; closed forms unless said otherwise."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Periodic orbits by harmonic balance: exact and independent orbits, transients, and what is refused."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -5,8 +5,6 @@ the motion by the trapezoidal rule. The package takes sums of exponentials and m
 `python tests/test_hunt_springpots.py FIRST LAST` runs the scenes of many seeds and prints what it finds.
 """
 
-from __future__ import annotations
-
 import itertools
 import random
 

@@ -3,8 +3,6 @@
 `python tests/test_hunt_stepping.py FIRST LAST` runs the cases of many seeds and prints what it finds.
 """
 
-from __future__ import annotations
-
 import random
 import re
 

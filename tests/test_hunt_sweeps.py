@@ -3,8 +3,6 @@
 `python tests/test_hunt_sweeps.py FIRST LAST` runs the sweeps of many seeds and prints what it finds.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import os

@@ -1,7 +1,5 @@
 """Hysteretic springs: their laws, paths of equilibria, and what is refused."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,17 +1,14 @@
 """Hysteretic springs in motion: Eq. 22 as printed, and laws that remember in every stepping method."""
 
-from __future__ import annotations
-
 import pickle
 
-import h5py
 import numpy as np
 import pytest
 from hunt_reference import HuntReference
 from hunt_scenes import Case
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import broken_off, cantilever
+from scenes import cantilever
 from scipy.integrate import solve_ivp
 
 import vofem as vf
@@ -242,31 +239,6 @@ def test_dissipation_is_the_loop_area_in_a_steady_state():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_runs_are_saved_and_loaded_whole(method, tmp_path):
-    beam = cantilever(4, name="deck")
-    effects = springs_on([beam.at(0.5), beam.at(1.0), beam.at(0.8)], ["cyclic", "iwan", "stop"])
-    effects.append(vf.PointLoad(beam.at(1.0), vf.Sine(3.0, 2.0)))
-    result = vf.simulate(vf.Scene([beam], effects), 2.0, method=method, dt=1e-3)
-    result.save(tmp_path / "run.vtkhdf")
-    loaded = vf.load(tmp_path / "run.vtkhdf")
-    assert list(loaded.springs) == list(result.springs)
-    for name, history in result.springs.items():
-        for what in ("elongation", "force", "stored", "dissipated"):
-            assert np.array_equal(getattr(loaded.springs[name], what), getattr(history, what))
-    assert loaded.energy.balance_error == result.energy.balance_error
-    with h5py.File(tmp_path / "run.vtkhdf") as file:
-        assert [name.decode() for name in file["history/spring"][()]] == list(result.springs)
-        assert np.array_equal(file["history/spring_force"][:, 1], result.springs[effects[1].name].force)
-    again = vf.simulate(loaded.scene, 2.0, method=method, dt=1e-3)
-    assert np.array_equal(again.displacement(beam.at(1.0)), result.displacement(beam.at(1.0)))
-    follow = [vf.simulate(vf.Scene([beam], effects, run), 1.0, method=method, dt=1e-3) for run in (result, loaded)]
-    assert np.array_equal(follow[0].displacement(beam.at(1.0)), follow[1].displacement(beam.at(1.0)))
-    follow[0].save(tmp_path / "next.vtkhdf")
-    second = vf.simulate(vf.load(tmp_path / "next.vtkhdf").scene, 1.0, method=method, dt=1e-3)
-    assert np.array_equal(second.displacement(beam.at(1.0)), follow[0].displacement(beam.at(1.0)))
-
-
-@pytest.mark.parametrize("method", METHODS)
 def test_a_run_goes_on_with_the_past_of_its_springs(method):
     """Two runs one after the other, the load shifted, are one run."""
     load = vf.Tabulated([0.0, 5.0, 20.0], [0.0, 8.0, -8.0])
@@ -333,35 +305,6 @@ def test_absent_memory_costs_nothing():
         assert result.solution.springs is None
         assert not result.model.system.recorded
         assert not any(isinstance(group, HystereticLaws) for group in result.model.system.laws)
-
-
-@pytest.mark.parametrize(
-    "kind", ["energy_conserving", "tolerance", "generalized_alpha", "central_difference", "printed"]
-)
-def test_resumed_runs_are_bitwise_the_same(kind, tmp_path, monkeypatch):
-    """The past of all springs is in the checkpoint."""
-    monkeypatch.setattr("vofem.integrators.stepping.run._CHUNK_WORK", 200)
-    monkeypatch.setattr("vofem.integrators.stepping.tolerance._CHUNK", 50)
-    if kind == "printed":
-        mass, scene = printed(vf.Sine(7.0, 0.2))
-        options = {}
-    else:
-        mass, scene = swinging("cyclic")
-        options = {"method": "energy_conserving", "tol": 1e-3} if kind == "tolerance" else {"method": kind, "dt": 0.02}
-    times, path = np.linspace(0.0, 60.0, 61), tmp_path / "run.checkpoint"
-
-    whole = vf.simulate(scene, 60.0, times=times, **options)
-    broken_off(path, 0.4, scene, 60.0, times=times, **options)
-    resumed = vf.resume(path)
-    assert np.array_equal(resumed.displacement(mass), whole.displacement(mass))
-    for what in ("force", "stored", "dissipated"):
-        assert np.array_equal(getattr(resumed.springs["s"], what), getattr(whole.springs["s"], what))
-    assert np.array_equal(resumed.energy.dissipated, whole.energy.dissipated)
-    assert resumed.energy.balance_error == whole.energy.balance_error
-    for result in (resumed, whole):
-        assert result.springs["s"].dissipated[-1] > 1.0
-    if kind != "printed":
-        assert np.array_equal(resumed.spring_state("s"), whole.spring_state("s"))
 
 
 def test_cycles_of_a_slider_in_closed_form():

@@ -1,7 +1,5 @@
 """The start state and the time of the loads are arguments of a run; runs of one scene share what they can."""
 
-from __future__ import annotations
-
 import copy
 import gc
 import pickle
@@ -10,7 +8,7 @@ import weakref
 
 import numpy as np
 import pytest
-from scenes import broken_off, cantilever
+from scenes import cantilever
 
 import vofem as vf
 
@@ -311,15 +309,3 @@ def test_saved_runs_with_callables_know_their_time(tmp_path):
     loaded = vf.load(result.save(tmp_path / "run.h5"))
     assert np.array_equal(loaded.displacement(mass), result.displacement(mass))
     assert np.array_equal(loaded.scene.effects[0].f(2.0 + result.times), np.sin(2.0 + result.times))
-
-
-@pytest.mark.parametrize("method", ["event_driven", "energy_conserving"])
-def test_checkpoints_know_the_start(method, tmp_path):
-    scene, _tip = beam_on_stop()
-    arguments = {"initial": vf.simulate(scene, 1.0), "t_start": 1.0, "method": method}
-    whole = vf.simulate(scene, 8.0, **arguments)
-    path = tmp_path / "run.checkpoint"
-    broken_off(path, 0.25, scene, 8.0, **arguments)
-    resumed = vf.resume(path)
-    assert resumed.t_start == 1.0
-    assert same(resumed, whole)

@@ -10,7 +10,6 @@ from scipy.optimize import brentq
 
 import vofem as vf
 from vofem.errors import ArgumentError
-from vofem.io.scene_file import load_scene, scene_to_toml
 
 EI, RHO = 3.0, 1.5
 METHODS = {
@@ -297,20 +296,6 @@ def test_arguments_that_make_no_joint_are_refused():
 
 
 # -- files and pictures --------------------------------------------------------------------------------
-
-
-def test_a_saved_run_and_a_scene_file(tmp_path):
-    a, b, joint = crossing()
-    scene = vf.Scene([a, b], [joint, *stops(a.at(1.0))])
-    run = vf.simulate(scene, 1.0, times=np.linspace(0.0, 1.0, 11))
-    loaded = vf.load(run.save(tmp_path / "run.vtkhdf"))
-    assert np.array_equal(loaded.displacement(b.at(0.3)), run.displacement(b.at(0.3)))
-    assert np.array_equal(loaded.joint_force("cross").moment, run.joint_force("cross").moment)
-    assert np.array_equal(loaded.reaction("b", "right").force, run.reaction(b, "right").force)
-    (tmp_path / "scene.toml").write_text(scene_to_toml(scene) + "\n[run]\nt_end = 1.0\n")
-    again = load_scene(tmp_path / "scene.toml").scene
-    assert scene_to_toml(again) == scene_to_toml(scene)
-    assert_allclose(vf.modes(again, 5).omega, vf.modes(scene, 5).omega, rtol=1e-15)
 
 
 def test_pictures_show_joined_beams_at_one_place(tmp_path):

@@ -1,7 +1,5 @@
 """Kernels as plain Python and as machine code: the same results to rounding, each whole, decided once."""
 
-from __future__ import annotations
-
 import random
 import time
 
@@ -51,11 +49,7 @@ def apart(one, two, kind="q"):
     return np.max(np.abs(first - second)) / np.max(np.abs(first))
 
 
-STEPS = {
-    "energy_conserving": {"dt": 2e-2},
-    "generalized_alpha": {"dt": 2e-2},
-    "central_difference": {"dt": 2e-3},
-}
+STEPS = {"energy_conserving": {"dt": 2e-2}, "generalized_alpha": {"dt": 2e-2}, "central_difference": {"dt": 2e-3}}
 
 
 @pytest.mark.parametrize("method", STEPS)

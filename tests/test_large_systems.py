@@ -1,7 +1,5 @@
 """Large systems in few Ritz vectors: solutions free of the rounding in K, and truncation errors that notes report."""
 
-from __future__ import annotations
-
 import tracemalloc
 from itertools import pairwise
 

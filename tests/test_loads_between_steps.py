@@ -1,7 +1,5 @@
 """Loads that are short or fast against the steps: exact moments, exact impulses, and notes where that is not enough."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

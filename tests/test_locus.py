@@ -1,7 +1,5 @@
 """Curves of special points in two parameters, against branches at other values and a known meeting of two flips."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from orbit_scenes import bilinear, nlvib_03

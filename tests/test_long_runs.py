@@ -1,7 +1,5 @@
 """Runs of many events: nothing grows but the record, and roots are as good after a thousand events as after one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import alone, on_stop

@@ -1,7 +1,5 @@
 """Chains of very many bodies: their rigid motions are found without dense matrices."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Low-frequency rattling: many impacts a period between two stops."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from reference_integration import Reference

@@ -1,7 +1,5 @@
 """Massless parts are refused by name; very light ones are what they tend to, springs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import cantilever
@@ -54,18 +52,18 @@ def joint(ratio):
 @pytest.mark.parametrize("stiffness", [1.0, 30.0])
 @pytest.mark.parametrize("method", STABLE)
 def test_contact_of_a_light_part_tends_to_a_contact_with_springs_in_series(ratio, stiffness, method):
-    times = np.linspace(0.0, 10.0, 101)
+    times = np.linspace(0.0, 6.0, 61)
     heavy, light = vf.Mass(1.0, stiffness=1.0), vf.Mass(ratio)
     stop = vf.Contact(light, gap=0.1, side="below", stiffness=stiffness, acts_on="penetration")
     start = {heavy: (0.3, 0.0), light: (0.3, 0.0)}
     scene = vf.Scene([heavy, light], [vf.Spring(heavy, light, stiffness=3.0), stop], initial=start)
-    step = {} if method == "event_driven" else {"dt": 1e-3}
-    result = vf.simulate(scene, 10.0, method=method, times=times, **step)
+    step = {} if method == "event_driven" else {"dt": 2e-3}
+    result = vf.simulate(scene, 6.0, method=method, times=times, **step)
     single = vf.Mass(1.0, stiffness=1.0)
     series = 3.0 * stiffness / (3.0 + stiffness)
     stop = vf.Contact(single, gap=0.1, side="below", stiffness=series, acts_on="penetration")
-    limit = vf.simulate(vf.Scene([single], [stop], initial={single: (0.3, 0.0)}), 10.0, times=times)
-    bound = 2.0 * ratio + (1e-13 if method == "event_driven" else 1e-6)
+    limit = vf.simulate(vf.Scene([single], [stop], initial={single: (0.3, 0.0)}), 6.0, times=times)
+    bound = 2.0 * ratio + (1e-13 if method == "event_driven" else 4e-6)
     assert np.max(np.abs(result.displacement(heavy) - limit.displacement(single))) < bound
 
 

@@ -1,7 +1,5 @@
 """Methods are objects in a registry: one that is written here is taken by all that runs, explains and compares."""
 
-from __future__ import annotations
-
 import inspect
 import sys
 from importlib import import_module

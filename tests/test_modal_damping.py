@@ -9,7 +9,6 @@ from scenes import cantilever
 
 import vofem as vf
 from vofem.errors import ArgumentError
-from vofem.io.scene_file import load_scene, scene_to_toml
 
 #: Four equal masses between fixed walls: ``omega_k = 2 sqrt(k/m) sin(k pi/10)``, shapes ``sin(i k pi/5)``.
 COUNT, STIFFNESS, MASS = 4, 50.0, 2.0
@@ -84,18 +83,6 @@ def test_the_reaction_of_a_support_holds_the_damping_of_each_mode():
     drag = full @ shapes @ ((2.0 * ratios * omega)[:, None] * (shapes.T @ (system.mass @ samples.v)))
     momentum = beam.translation() @ (full @ samples.a + drag)
     assert_allclose(result.reaction(beam, "left").force, momentum - np.sin(3.0 * result.times), rtol=1e-9, atol=1e-9)
-
-
-def test_a_list_of_ratios_stands_in_a_scene_file_and_in_a_saved_run(tmp_path):
-    scene, _ = chain([vf.ModalDamping([0.01, 0.3])], 2)
-    (tmp_path / "scene.toml").write_text(scene_to_toml(scene) + "\n[run]\nt_end = 0.5\n")
-    again = load_scene(tmp_path / "scene.toml").scene
-    assert_allclose(again.effects[-1].ratio, [0.01, 0.3], rtol=0.0)
-    result = vf.simulate(scene, 0.5, times=[0.0, 0.5])
-    loaded = vf.load(result.save(tmp_path / "run.vtkhdf"))
-    assert_allclose(loaded.scene.effects[-1].ratio, [0.01, 0.3], rtol=0.0)
-    assert_allclose(loaded.model.system.modal_damping, [0.01, 0.3], rtol=0.0)
-    assert "0.01, 0.3 of critical" in vf.explain(scene).effects[-1]
 
 
 @pytest.mark.parametrize("ratio", [[], [0.1, -0.1], [[0.1]], [0.1, float("nan")], "low"])

@@ -5,8 +5,6 @@ the depth of the touch is as r^2, its impulse as the stiffness K times r^3. So b
 ``r = -2 a/(3 b)``, and its distance from the grazing falls as 1/K^2.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from orbit_scenes import nlvib_03

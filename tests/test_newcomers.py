@@ -1,7 +1,5 @@
 """What a first-time user meets: misspelt arguments, representations, names of the package, messages."""
 
-from __future__ import annotations
-
 import inspect
 import subprocess
 import sys

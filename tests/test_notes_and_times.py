@@ -1,10 +1,8 @@
 """Notes depend on the run alone: they are the same word for word whatever times are wanted."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from scenes import alone, cantilever
+from scenes import alone, cantilever, on_stop
 
 import vofem as vf
 from vofem.integrators.stepping.checks import check_times
@@ -42,8 +40,7 @@ def fine_beam():
 
 def stiff_tip():
     beam = cantilever(25, name="b")
-    tip = vf.Contact(beam.at(1.0), gap=0.03, stiffness=1e7, side="below", acts_on="penetration", name="stop")
-    return vf.Scene([beam], [tip])
+    return on_stop(beam.at(1.0), gap=0.03, stiffness=1e7, side="below")[1]
 
 
 #: Scene, end of the run, arguments, and how a note begins that the run must leave.

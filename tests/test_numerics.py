@@ -1,7 +1,5 @@
 """The numerical building blocks, against independent computations."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A law written outside the package: one class for the law, one for its effect, one entry for scene files."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import KW_ONLY, dataclass
 from typing import Annotated, ClassVar
@@ -243,9 +241,9 @@ class TightenedSpring(SinhSpring):
 STEPPING = ["energy_conserving", "generalized_alpha", "central_difference"]
 
 
-@pytest.mark.parametrize("options", [*({"method": name, "dt": 5e-3} for name in STEPPING), {"tol": 1e-3}])
+@pytest.mark.parametrize("options", [*({"method": name, "dt": 1e-2} for name in STEPPING), {"tol": 1e-3}])
 def test_an_affine_law_beside_others_is_a_spring_and_a_constant_load(options):
-    mass, times = vf.Mass(1.0, name="m"), np.linspace(0.0, 4.0, 41)
+    mass, times = vf.Mass(1.0, name="m"), np.linspace(0.0, 2.0, 21)
     others = [
         vf.Contact(mass, gap=0.1, stiffness=300.0, side="above", acts_on="penetration", name="stop"),
         vf.Springpot(mass, coefficient=0.5, order=0.5, name="pot"),
@@ -255,7 +253,7 @@ def test_an_affine_law_beside_others_is_a_spring_and_a_constant_load(options):
     law = vf.Scene([mass], [TightenedSpring(mass, 40.0, 3.0, 0.02), *others], **start)
     loads = [vf.Spring(mass, stiffness=40.0), vf.PointLoad(mass, 40.0 * 0.02 - 3.0)]
     plain = vf.Scene([mass], [*loads, *others], **start)
-    ours, expected = (vf.simulate(scene, 4.0, times=times, **options) for scene in (law, plain))
+    ours, expected = (vf.simulate(scene, 2.0, times=times, **options) for scene in (law, plain))
     assert expected.contacts["stop"].closings.size > 1
     tolerance = 1e-9 if "dt" in options else 10.0 * options["tol"]
     size = np.max(np.abs(expected.displacement(mass)))

@@ -1,7 +1,5 @@
 """A class that declares its parameters once gets checks, docstring, scene file, schema, copies, keys and paths."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import KW_ONLY
 from typing import Annotated

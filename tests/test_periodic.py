@@ -1,7 +1,5 @@
 """Steady states by shooting, against independent orbits, independent integrations and closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from orbit_scenes import bilinear, impact_oscillator, nlvib_03, state_at_cosine

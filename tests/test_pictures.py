@@ -3,7 +3,7 @@
 import matplotlib.image
 import numpy as np
 import pytest
-from scenes import cantilever, paper_beam
+from scenes import cantilever, on_stop, paper_beam
 
 import vofem as vf
 from vofem.io.pictures import axes as picture_axes
@@ -190,8 +190,7 @@ def stops(*stiffnesses):
     runs = {}
     for stiffness in stiffnesses:
         beam = cantilever(4, name="beam")
-        stop = vf.Contact(beam.at(1.0), gap=0.01, stiffness=stiffness, side="below", acts_on="penetration", name="stop")
-        scene = vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), -0.1)])
+        scene = on_stop(beam.at(1.0), load=-0.1, gap=0.01, stiffness=stiffness, side="below")[1]
         runs[f"{stiffness:g}"] = vf.simulate(scene, 2.0)
     return beam, runs
 

@@ -1,7 +1,5 @@
 """The jump law where neither status holds: chatter that ends pinned at the gap."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import cantilever, paper_beam

@@ -1,7 +1,5 @@
 """Some scenes of the population whose branches are quick: they arrive, repeat, and list the same points both ways."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -10,8 +8,8 @@ from populations import REPEATS, SAME, Outcome, away, both_ways, differing, draw
 
 import vofem as vf
 
-#: A chain of four masses, a chain of two, a simply supported beam, and a guided one.
-SEEDS = (0, 22, 7, 11)
+#: A chain of four masses and a simply supported beam; `python tests/populations.py` follows any others.
+SEEDS = (0, 7)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

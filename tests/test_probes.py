@@ -5,7 +5,7 @@ import csv
 import h5py
 import numpy as np
 import pytest
-from scenes import alone, broken_off, cantilever
+from scenes import alone, cantilever
 
 import vofem as vf
 from vofem.io.csv_file import write_probes
@@ -102,17 +102,6 @@ def test_a_saved_run_keeps_its_probes(method, tmp_path):
         assert [dims[0].name.rsplit("/")[-1] for dims in recorded.dims] == ["recorded_time", "recorded"]
         assert np.array_equal(recorded[:, 0], result.probes["beam@1.0"].displacement)
     assert vf.load(vf.simulate(scene, 0.1).save(tmp_path / "other.vtkhdf")).recorded is None
-
-
-@pytest.mark.parametrize("method", STEPPING)
-def test_a_resumed_run_has_one_record(method, tmp_path):
-    scene, beam = beam_on_stop()
-    arguments = {"method": method, "dt": DT, "times": [0.0, T_END], "probes": [beam.at(1.0)]}
-    whole = vf.simulate(scene, T_END, **arguments)
-    broken_off(tmp_path / "run.checkpoint", 0.4, scene, T_END, **arguments)
-    resumed = vf.resume(tmp_path / "run.checkpoint")
-    for name in ("times", "displacement", "velocity", "acceleration"):
-        assert np.array_equal(getattr(resumed.probes["beam@1.0"], name), getattr(whole.probes["beam@1.0"], name))
 
 
 def test_memory_grows_with_the_points_only():

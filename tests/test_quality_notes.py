@@ -1,7 +1,5 @@
 """Notes of runs on their own quality: energy, steps too large, contacts passed over, rounding, coarse meshes."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -3,8 +3,6 @@
 ``python tests/test_random_derivatives.py FIRST LAST`` looks at the scenes of many seeds and prints what it finds.
 """
 
-from __future__ import annotations
-
 import random
 import sys
 from itertools import pairwise

@@ -3,8 +3,6 @@
 `python tests/test_random_scenes.py FIRST LAST` checks the scenes of many seeds and prints what it finds.
 """
 
-from __future__ import annotations
-
 import random
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The paper's cases against histories made by independent programs (tests/data/README.md)."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import LAWS, paper_beam, reference, two_masses

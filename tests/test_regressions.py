@@ -1,7 +1,5 @@
 """Faults that were found by comparison with dense matrix exponentials, each by its smallest scene."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import alone, on_stop

@@ -1,7 +1,5 @@
 """Scenes that differ in numbers: what is replaced, and what is not computed again."""
 
-from __future__ import annotations
-
 import inspect
 
 import numpy as np

@@ -1,9 +1,5 @@
 """Rigid stops with a coefficient of restitution, against closed forms and an integration that is written here."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -197,16 +193,6 @@ def test_a_beam_bounces_and_comes_to_rest() -> None:
     # At rest on a propped cantilever's tip: what the load exceeds.
     assert stop.force[-1] == pytest.approx(1.0 - 3.0 * 10.0 * 0.005, rel=1e-6)
     assert balance(result) < 1e-12
-
-
-def test_runs_are_saved_and_continued(tmp_path: Path) -> None:
-    """A loaded run has the same impacts and energies."""
-    result, _ = dropped(0.7)
-    loaded = vf.load(result.save(tmp_path / "ball.vtkhdf"))
-    for name in ("closing", "approach_speed", "impulse", "absorbed"):
-        mine, theirs = (getattr(one.contacts["floor"].impacts, name) for one in (result, loaded))
-        np.testing.assert_array_equal(mine, theirs)
-    np.testing.assert_allclose(loaded.energy.dissipated, result.energy.dissipated, rtol=1e-14)
 
 
 def test_what_cannot_be_answered_is_refused_by_name() -> None:

@@ -1,7 +1,5 @@
 """Scene files: a scene goes to TOML and back bit for bit; a file's problems are reported all at once."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import pickle
@@ -489,10 +487,7 @@ def test_all_problems_together(tmp_path):
     found = problems(text, tmp_path)
     for path, message in wanted.items():
         assert message in dict(found)[path]
-    assert {path for path, _ in found} - set(wanted) == {
-        "point_load[0].f.sine.amplitude",
-        "point_load[0].f.sine.omega",
-    }
+    assert {path for path, _ in found} - set(wanted) == {"point_load[0].f.sine.amplitude", "point_load[0].f.sine.omega"}
 
 
 toml_values = st.recursive(

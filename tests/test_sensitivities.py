@@ -1,7 +1,5 @@
 """Derivatives of runs through impacts, against an exact propagation in 300 bits (`data/README.md`)."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

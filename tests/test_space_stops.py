@@ -253,22 +253,6 @@ def test_a_later_start_sees_the_base_where_it_is_then():
     np.testing.assert_allclose(again.displacement(mass), histories["space_relative"][at], rtol=0, atol=1e-12)
 
 
-def test_a_run_with_stops_in_space_is_kept_in_files(tmp_path):
-    scene, _ = cantilever(known("space_stop_cantilever")[0], "space")
-    vf.dump_scene(scene, tmp_path / "scene.toml")
-    same = vf.load_scene(tmp_path / "scene.toml").scene
-    assert 'frame = "space"' in (tmp_path / "scene.toml").read_text()
-    for method in ("event_driven", "energy_conserving"):
-        result = vf.simulate(scene, 0.4, method=method, dt=None if method == "event_driven" else 1e-3)
-        other = vf.simulate(same, 0.4, method=method, dt=None if method == "event_driven" else 1e-3)
-        result.save(tmp_path / "run.vtkhdf", overwrite=True)
-        loaded = vf.load(tmp_path / "run.vtkhdf")
-        for found in (other, loaded):
-            np.testing.assert_array_equal(found.contacts["stop"].force, result.contacts["stop"].force)
-            np.testing.assert_array_equal(found.energy.work, result.energy.work)
-    assert "in space" in str(vf.explain(scene))
-
-
 def test_what_is_missing_or_impossible_is_told():
     mass, other = vf.Mass(1.0, stiffness=10.0, name="m"), vf.Mass(1.0, stiffness=10.0, name="o")
     law = {"gap": 0.1, "stiffness": 10.0, "acts_on": "penetration", "name": "stop"}

@@ -1,7 +1,5 @@
 """Springpots: the fractional oscillator, dashpots and springs as limits, the whole past, energies."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

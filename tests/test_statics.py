@@ -1,7 +1,5 @@
 """Equilibrium with contact."""
 
-from __future__ import annotations
-
 import pytest
 
 import vofem as vf

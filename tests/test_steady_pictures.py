@@ -1,7 +1,5 @@
 """Response curves of scene files and pictures of steady states: they show what is known, and refuse what is not."""
 
-from __future__ import annotations
-
 import csv
 import shutil
 from pathlib import Path
@@ -14,9 +12,9 @@ from scenes import on_stop
 import vofem as vf
 from vofem import cli
 from vofem.io import plot
-from vofem.io.branch_tables import branch_table, write_branch
 from vofem.io.pictures import axes as picture_axes
 from vofem.io.scenes.changes import number_at
+from vofem.io.tables import branch_table, write_branch
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "two_masses_response.toml"
 

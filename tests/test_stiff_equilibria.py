@@ -3,8 +3,6 @@
 `python tests/test_stiff_equilibria.py FIRST LAST` runs many seeds and prints what it finds.
 """
 
-from __future__ import annotations
-
 import itertools
 import random
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """The fractional derivative along a run: kernel, orders, oscillators in closed form, state."""
 
-from __future__ import annotations
-
 from unittest import mock
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Study files and `vofem sweep`."""
 
-from __future__ import annotations
-
 import csv
 
 import pytest

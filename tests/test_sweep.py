@@ -1,7 +1,5 @@
 """Sweeps: the same table on every executor, after every interruption, and whatever a point does."""
 
-from __future__ import annotations
-
 import functools
 import os
 import signal
@@ -156,10 +154,7 @@ def test_every_executor_gives_the_same_bits():
     # loky imports nothing of this folder by itself, as a worker elsewhere.
     with LokyExecutor(1, env={"PYTHONPATH": os.pathsep.join([str(TESTS), *sys.path])}) as loky:
         assert same(vf.sweep(functions.amplitude, GRID, executor=loky), expected)
-    with (
-        LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster,
-        Client(cluster) as client,
-    ):
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
         client.run(sys.path.insert, 0, str(TESTS))
         assert same(vf.sweep(functions.amplitude, GRID, executor=client), expected)
 
@@ -673,7 +668,7 @@ def test_all_workers_run_kernels_in_the_one_way_that_was_asked_for(tmp_path):
 
 
 def test_a_quantity_named_error_is_not_lost_in_tables(tmp_path):
-    from vofem.io.sweep_tables import write_sweep
+    from vofem.io.tables import write_sweep
 
     table = vf.sweep(lambda x: {"error": 0.1 * x}, {"x": [1, 2]}, executor="serial")
     assert table.to_dataframe().columns.tolist() == ["x", "error", "sweep_error"]

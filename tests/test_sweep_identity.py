@@ -1,7 +1,5 @@
 """Rows of a store are used again only as long as nothing has changed that the function of the sweep reaches."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 
@@ -42,18 +40,12 @@ KINDS = {
         "def width(x): return BLANK + x\nbeam = vf.Beam(1.0, lambda x: width(x), 1.0, 2)",
         "float(beam.EI(0.0))",
     ),
-    "a method of an own class": (
-        "class Own:\n    def value(self): return BLANK\nown = Own()",
-        "own.value()",
-    ),
+    "a method of an own class": ("class Own:\n    def value(self): return BLANK\nown = Own()", "own.value()"),
     "an own class that the function calls": (
         "class Base:\n    scale = BLANK\nclass Own(Base):\n    pass",
         "Own().scale",
     ),
-    "an instance of an own class": (
-        "class Own:\n    def __init__(self, a): self.a = a\nown = Own(BLANK)",
-        "own.a",
-    ),
+    "an instance of an own class": ("class Own:\n    def __init__(self, a): self.a = a\nown = Own(BLANK)", "own.a"),
     "a dataclass": ("@dataclass\nclass Plate:\n    h: float\nplate = Plate(BLANK)", "plate.h"),
     "a namespace": ("settings = SimpleNamespace(h=BLANK)", "settings.h"),
     "a decorated function": ("@twice\ndef helper(): return BLANK", "helper()"),

@@ -1,7 +1,5 @@
 """Branches of symmetric scenes, whose contacts are grazed and switch together."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from reference_integration import Reference

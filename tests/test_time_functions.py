@@ -1,7 +1,5 @@
 """Named time functions: values, exact derivatives, pieces and breakpoints."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

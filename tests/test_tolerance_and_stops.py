@@ -1,7 +1,5 @@
 """Steps that follow a tolerance against stiff stops: closed forms, and motion that is exact between events."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import between_stops, on_stop
@@ -287,6 +285,6 @@ def test_a_break_away_after_a_long_rest_is_not_jumped_over(law, load):
     }[law]()  # fmt: skip
     scene = vf.Scene([mass], [effect, vf.Spring(mass, stiffness=0.1), vf.PointLoad(mass, force)])
     times = np.linspace(0.0, 6.0, 61)
-    right = vf.simulate(scene, 6.0, method="energy_conserving", dt=2e-3, times=times).displacement(mass)
+    right = vf.simulate(scene, 6.0, method="energy_conserving", dt=5e-3, times=times).displacement(mass)
     result = vf.simulate(scene, 6.0, method="energy_conserving", tol=0.01, times=times)
     assert np.abs(result.displacement(mass) - right).max() < 0.02 * np.abs(right).max()

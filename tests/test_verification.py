@@ -1,7 +1,5 @@
 """The catalogue of hard and published cases: every quick run of it, its tables, and how it judges."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace

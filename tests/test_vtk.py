@@ -1,11 +1,5 @@
 """VTU series read back with VTK's own reader, and what happens when they cannot be written."""
 
-from __future__ import annotations
-
-import errno
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scenes import paper_beam, two_masses
@@ -253,40 +247,6 @@ def test_a_new_series_replaces_the_old_one(run, tmp_path, capfd):
         assert len(list(tmp_path.iterdir())) == 2
         assert outcome.bytes == sum(f.stat().st_size for f in tmp_path.rglob("*") if f.is_file())
     assert capfd.readouterr() == ("", "")
-
-
-def snapshot(folder):
-    return {str(f.relative_to(folder)): f.read_bytes() if f.is_file() else None for f in folder.rglob("*")}
-
-
-@pytest.mark.parametrize("name", ["mkdir", "write_bytes", "replace"])
-def test_failing_file_system_calls_leave_everything_as_it_was(run, tmp_path, monkeypatch, name):
-    goal = tmp_path / "run.pvd"
-    write_series(run[1], goal, [0.0, 1.0])
-    before = snapshot(tmp_path)
-
-    def failing(*_, **__):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(os if name == "replace" else Path, name, failing)
-    with pytest.raises(vf.OutputError, match="No space left"):
-        write_series(run[1], goal, [0.0, 2.0])
-    monkeypatch.undo()
-    assert snapshot(tmp_path) == before
-
-
-def test_places_that_cannot_be_written(run, tmp_path):
-    (tmp_path / "file").write_text("mine")
-    (tmp_path / "folder.pvd").mkdir()
-    for place, cause in [
-        (tmp_path / "file" / "run.pvd", "is a file"),
-        (tmp_path / "none" / "run.pvd", "does not exist"),
-        (tmp_path / "folder.pvd", "is a folder"),
-    ]:
-        before = snapshot(tmp_path)
-        with pytest.raises(vf.OutputError, match=cause):
-            write_series(run[1], place)
-        assert snapshot(tmp_path) == before
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,6 @@
 `python tests/test_work_along_paths.py FIRST LAST` runs many seeds and prints what it finds.
 """
 
-from __future__ import annotations
-
 import random
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ceilings on counted work for the standard scenes: a regression of speed that no noise of a machine can hide."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -41,6 +41,9 @@ class Named(Mapping[str, T]):
             raise ArgumentError(f"no {self._kind} is named {key!r}; there are {list(known)}{nearest(key, known)}")
         return self._things[key]
 
+    def __contains__(self, name: object) -> bool:
+        return name_of(name) in self._things
+
     def __iter__(self) -> Iterator[str]:
         return iter(self._things)
 

@@ -58,10 +58,7 @@ one_thread = _Limit()
 def blas_threads(size: int) -> Iterator[None]:
     """Keep BLAS and LAPACK to one thread within, where matrices have few rows; what was set before comes back.
 
-    Parameters
-    ----------
-    size : int
-        Rows of the largest dense matrix.
+    `size`: rows of the largest dense matrix.
     """
     if size > _SMALL:
         yield

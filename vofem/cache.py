@@ -28,16 +28,10 @@ class Cache:
     def get(self, kind: str, key: Hashable, make: Callable[[], T], most: int = 1) -> T:
         """Return the value of a key, which is made where it is not known.
 
-        Parameters
-        ----------
-        kind : str
-            What the value is.
-        key : hashable
-            What it depends on beside the object that owns the cache, and beside whether kernels are compiled.
-        make : callable
-            Returns the value.
-        most : int
-            How many values of the kind are kept; the oldest make room.
+        `kind`: what the value is.
+        `key`: what it depends on beside the object that owns the cache, and beside whether kernels are compiled.
+        `make`: returns the value.
+        `most`: how many values of the kind are kept; the oldest make room.
         """
         with self._lock:
             known = self._known.setdefault(kind, {})

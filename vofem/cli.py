@@ -404,7 +404,7 @@ def _respond(arguments: argparse.Namespace) -> int:
 
 def _branch_files(branch: Branch, point: Any, folder: Path, name: str, pictures: bool) -> Iterator[Path]:
     """Print and write what is shown of a branch, one file after the other; return their paths."""
-    from vofem.io.branch_tables import branch_table, write_branch
+    from vofem.io.tables import branch_table, write_branch
 
     print(branch_table(branch, point, name))
     for note in branch.notes:
@@ -453,7 +453,7 @@ def _add_sweep(commands: Commands) -> None:
 
 def _sweep(arguments: argparse.Namespace) -> int:
     from vofem.io.study_file import load_study
-    from vofem.io.sweep_tables import write_sweep
+    from vofem.io.tables import write_sweep
     from vofem.studies.sweep import SweepInterrupted
     from vofem.studies.sweep.sweeping import sweep
 
@@ -600,7 +600,7 @@ def _add_accuracy(commands: Commands) -> None:
 def _accuracy(arguments: argparse.Namespace) -> int:
     from vofem.io.plot import work_precision as draw
     from vofem.io.scene_file import load_scene, point_named
-    from vofem.io.study_tables import study_table, write_study
+    from vofem.io.tables import study_table, write_study
     from vofem.studies.accuracy import work_precision
 
     file = load_scene(arguments.scene)

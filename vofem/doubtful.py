@@ -34,7 +34,8 @@ def doubtful(system: System, t_end: float) -> list[str]:
 def undamped(system: System) -> list[str]:
     """Return a note where nothing in a scene takes energy from a steady state."""
     contacts = system.contacts
-    if system.damped or system.recorded or (contacts is not None and np.any(contacts.damping)):
+    lossy = contacts is not None and np.any((contacts.damping > 0.0) | (contacts.restitution < 1.0))
+    if system.damped or system.recorded or system.sliders is not None or lossy:
         return []
     return [
         "scene: nothing damps the motion, so no orbit attracts its neighbours, and resonances are not bounded; add "

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import nearest
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.laws import gathered_past
 from vofem.system import State
@@ -17,8 +17,6 @@ from vofem.system import State
 if TYPE_CHECKING:
     from vofem.assembly import Effect, Model
     from vofem.bodies.base import Body
-
-Array = NDArray[np.float64]
 
 
 class StateSource(Protocol):

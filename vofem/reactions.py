@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.assembly import Model
 from vofem.bodies.base import Body
 from vofem.integrators.base import Sampled
 from vofem.laws.moving import Moving
-
-Array = NDArray[np.float64]
 
 
 def support_reaction(

@@ -8,10 +8,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import Named, name_of, number
+from vofem.arrays import Array
 from vofem.assembly import Model
 from vofem.cards import Shown
 from vofem.effects.two_points import units_of
@@ -35,8 +35,6 @@ from vofem.integrators.registry import advice
 from vofem.laws import past_of
 from vofem.scene import Scene
 from vofem.system import Counters, State
-
-Array = NDArray[np.float64]
 
 
 class Result(Shown, Motion):

@@ -40,10 +40,7 @@ _recent = _Recent()
 def sharing_between_scenes(*, keep: bool = False) -> Iterator[None]:
     """Let scenes that this thread assembles share with those that it has assembled before.
 
-    Parameters
-    ----------
-    keep : bool
-        Whether the thread remembers its latest systems after the end, for the next time. Workers of sweeps do.
+    `keep`: whether the thread remembers its latest systems after the end, for the next time. Workers of sweeps do.
     """
     _recent.active += 1
     try:
@@ -68,12 +65,8 @@ def share_with_recent(system: System) -> None:
 def recent(key: Hashable, make: Callable[[], T]) -> T:
     """Return a value that scenes share by what it depends on; made where it is not known, or nothing is shared.
 
-    Parameters
-    ----------
-    key : hashable
-        All that the value depends on.
-    make : callable
-        Returns the value, which nobody changes.
+    `key`: all that the value depends on.
+    `make`: returns the value, which nobody changes.
     """
     if not _recent.active:
         return make()

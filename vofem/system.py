@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem.arrays import Array
 from vofem.cache import Cache
 from vofem.errors import MethodError
 from vofem.laws import CLOSED as CLOSED
@@ -17,8 +18,6 @@ from vofem.laws import ContactLaws, FrictionLaws, LawGroup
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
-
-Array = NDArray[np.float64]
 
 
 class LoadFunction(Protocol):
@@ -276,8 +275,8 @@ def refuse_travelling(what: str, system: System) -> None:
     """Raise `MethodError` where something travels along a beam, which only runs in time take into account."""
     if system.travelling is not None:
         raise MethodError(
-            f"{what}: {system.travelling} travels along a beam, which {what} cannot take into account; simulate the "
-            "scene, or give beam.at(x) for a place of interest"
+            f"{what}: {system.travelling}: {what} takes no account of what travels along a beam; simulate the scene, "
+            "or give beam.at(x) for a place of interest"
         )
 
 

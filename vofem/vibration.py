@@ -6,17 +6,16 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import name_of, nearest, whole
+from vofem.arrays import Array
 from vofem.assembly import Model
 from vofem.bodies.base import Body
 from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError
 from vofem.scene import Scene, as_scene
 from vofem.system import System
-
-Array = NDArray[np.float64]
 
 #: Up to this size all modes come from dense matrices.
 _DENSE = 1500

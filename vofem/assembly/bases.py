@@ -12,24 +12,14 @@ from vofem.time_functions import Displacement, TimeFunction
 
 @dataclass(frozen=True)
 class Base:
-    """The motion of the base of one body.
-
-    Attributes
-    ----------
-    body : Body
-    acceleration : TimeFunction
-        In m/s^2, positive upward.
-    displacement, velocity : float, optional
-        At t = 0, m and m/s; None where they were not given.
-    label : str
-        For messages.
-    """
+    """The motion of the base of one body."""
 
     body: Body
-    acceleration: TimeFunction
+    acceleration: TimeFunction  #: In m/s^2, positive upward.
+    #: `displacement`, `velocity`: at t = 0, m and m/s; None where they were not given.
     displacement: float | None
     velocity: float | None
-    label: str
+    label: str  #: For messages.
 
     @property
     def motion(self) -> tuple[TimeFunction, float | None, float | None]:
@@ -42,18 +32,9 @@ def offsets(
 ) -> tuple[tuple[Displacement, float], ...]:
     """Return what the displacements of bases add to a coordinate, as functions of time and their factors.
 
-    Parameters
-    ----------
-    label : str
-        Of the effect, for messages.
-    signs : sequence of (Body, float)
-        Bodies whose absolute displacements are meant, with the signs with which they enter.
-    bases : sequence of Base
-
-    Raises
-    ------
-    ArgumentError
-        If the displacement of a base is needed and not known.
+    `label`: of the effect, for messages.
+    `signs`: bodies whose absolute displacements are meant, with the signs with which they enter.
+    Raises `ArgumentError` if the displacement of a base is needed and not known.
     """
     mine = [[(base, sign) for base in bases if base.body is body] for body, sign in signs]
     if len(mine) == 2 and [base.motion for base, _ in mine[0]] == [base.motion for base, _ in mine[1]]:

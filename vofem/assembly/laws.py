@@ -19,19 +19,7 @@ from vofem.laws.moving import Rider
 
 @dataclass(frozen=True)
 class ContactEntry:
-    """A contact or rigid stop as `SystemBuilder.add_contact` takes it; the fields are of `ContactLaws`, and four more.
-
-    Attributes
-    ----------
-    bases : tuple of (Body, float)
-        Bodies whose absolute displacements the contact sees, with their signs.
-    moving : tuple of (TimeFunction, float)
-        What the motion of bases adds to the coordinate, functions of time and their factors; found from `bases`.
-    track : (TravellingPoint, float), optional
-        A point that travels, with its sign in the coordinate.
-    rider : Rider, optional
-        The same over the unknowns; found from `track`.
-    """
+    """A contact or rigid stop as `SystemBuilder.add_contact` takes it: fields of `ContactLaws`, and four more."""
 
     group: ClassVar[type[LawGroup]] = ContactLaws
 
@@ -43,10 +31,12 @@ class ContactEntry:
     jump: bool = False
     resolution: float = np.inf
     restitution: float = np.nan
+    #: Bodies whose absolute displacements the contact sees, with their signs.
     bases: tuple[tuple[Body, float], ...] = ()
+    #: What the motion of bases adds to the coordinate, functions of time and their factors; found from `bases`.
     moving: tuple[tuple[Any, float], ...] = ()
-    track: tuple[TravellingPoint, float] | None = None
-    rider: Rider | None = None
+    track: tuple[TravellingPoint, float] | None = None  #: A point that travels, with its sign in the coordinate.
+    rider: Rider | None = None  #: The same over the unknowns; found from `track`.
 
 
 def law_groups(
@@ -54,18 +44,9 @@ def law_groups(
 ) -> tuple[tuple[Any, ...], tuple[LawGroup, ...]]:
     """Return the rows of every group over all degrees of freedom, and the groups over the free ones.
 
-    Parameters
-    ----------
-    entries : sequence of (Row, law)
-        In the order of declaration. A law names its group by the attribute `group`.
-    size : int
-        Number of all degrees of freedom.
-    unknown : Unknowns
-
-    Raises
-    ------
-    ArgumentError
-        If a law can never move, or names by which histories are found occur twice.
+    `entries`: in the order of declaration. A law names its group by the attribute `group`.
+    `size`: number of all degrees of freedom.
+    Raises `ArgumentError` if a law can never move, or names by which histories are found occur twice.
     """
     kinds = sorted({law.group for _, law in entries}, key=lambda group: (group.place, group.kind, group.__name__))
     rows, groups = [], []

@@ -23,42 +23,23 @@ _SAME, _FAR = 1e-12, (1e-2, 5e-2)
 
 @dataclass(frozen=True)
 class Model:
-    """A System, and the relation of its unknowns to the degrees of freedom of the bodies.
+    """A System, and the relation of its unknowns to the degrees of freedom of the bodies."""
 
-    Attributes
-    ----------
-    system : System
-        Over the free degrees of freedom.
-    offsets : dict of Body to int
-        Where a body's degrees of freedom begin among all.
-    free : ndarray of int, shape (n,)
-        The unknowns among all degrees of freedom: neither supported nor eliminated by a joint.
-    mass, stiffness : csr_matrix, shape (N, N)
-        Over all degrees of freedom, supported ones included; for reactions.
-    damping : csr_matrix, optional
-        The damping matrix of bodies and dashpots.
-    load_vectors : tuple of ndarray, shape (N,)
-        One per load of the system.
-    law_rows : tuple of csr_matrix, shape (n_laws, N)
-        One per group of the system's laws.
-    transform : csr_matrix, shape (N, N), optional
-        As of `Unknowns`; None where no joint eliminates a degree of freedom.
-    joints : tuple of (str, int)
-        Names of joints and how many conditions each has: 1 of displacements, 2 with rotations.
-    joint_rows : csr_matrix, shape (n_conditions, N), optional
-        Rows that give the force of each condition from what the equations of motion leave over.
-    """
-
-    system: System
-    offsets: dict[Body, int]
+    system: System  #: Over the free degrees of freedom.
+    offsets: dict[Body, int]  #: Where a body's degrees of freedom begin among all.
+    #: The unknowns among all degrees of freedom: neither supported nor eliminated by a joint. Shape (n,).
     free: IntArray
+    #: `mass`, `stiffness`: over all degrees of freedom, supported ones included; for reactions. Shape (N, N).
     mass: csr_matrix
     stiffness: csr_matrix
-    damping: csr_matrix | None
-    load_vectors: tuple[Array, ...]
-    law_rows: tuple[csr_matrix, ...]
+    damping: csr_matrix | None  #: The damping matrix of bodies and dashpots.
+    load_vectors: tuple[Array, ...]  #: One per load of the system, shape (N,).
+    law_rows: tuple[csr_matrix, ...]  #: One per group of the system's laws, shape (n_laws, N).
+    #: As of `Unknowns`; None where no joint eliminates a degree of freedom. Shape (N, N).
     transform: csr_matrix | None = None
+    #: Names of joints and how many conditions each has: 1 of displacements, 2 with rotations.
     joints: tuple[tuple[str, int], ...] = ()
+    #: Rows that give the force of each condition from what the equations of motion leave over, shape (n_conditions, N).
     joint_rows: csr_matrix | None = None
 
     @property
@@ -90,10 +71,7 @@ class Model:
         Fields that are projected body by body differ at joints by the error of
         the mesh. They are projected once more, by the mass, on what the joints allow.
 
-        Raises
-        ------
-        ArgumentError
-            If the values contradict a joint; `what` is for the message.
+        Raises `ArgumentError` if the values contradict a joint; `what` is for the message.
         """
         q = full[self.free]
         if self.transform is None:

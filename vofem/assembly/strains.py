@@ -21,14 +21,9 @@ def attached_strains(
 ) -> csr_matrix | None:
     """Return the strain rows of springs and foundations over all degrees of freedom, or None.
 
-    Parameters
-    ----------
-    springs : sequence of (Row, float)
-        Rows and stiffnesses.
-    blocks : sequence of (int, csr_matrix)
-        Strain rows over the degrees of freedom of one body, and where these begin.
-    size : int
-        Number of all degrees of freedom.
+    `springs`: rows and stiffnesses.
+    `blocks`: strain rows over the degrees of freedom of one body, and where these begin.
+    `size`: number of all degrees of freedom.
     """
     from scipy.sparse import csr_matrix, vstack
 

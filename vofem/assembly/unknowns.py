@@ -28,34 +28,19 @@ _ROUNDING = 1e-14
 
 @dataclass(frozen=True)
 class Constraint:
-    """A condition ``b.q = 0`` that holds exactly.
+    """A condition ``b.q = 0`` that holds exactly."""
 
-    Attributes
-    ----------
-    row : Row
-        b over all degrees of freedom.
-    label : str
-        What messages call the condition, such as ``Joint 'knee': rotation``.
-    """
-
-    row: Row
-    label: str
+    row: Row  #: b over all degrees of freedom.
+    label: str  #: What messages call the condition, such as ``Joint 'knee': rotation``.
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Which degrees of freedom are the unknowns, and how all follow from them.
+    """Which degrees of freedom are the unknowns, and how all follow from them."""
 
-    Attributes
-    ----------
-    free : ndarray of int, shape (n,)
-        The unknowns among all degrees of freedom.
-    transform : csr_matrix, shape (N, N), optional
-        All degrees of freedom from the unknowns and the supported ones; the
-        columns of eliminated ones are empty. None where no joint eliminates any.
-    """
-
-    free: IntArray
+    free: IntArray  #: The unknowns among all degrees of freedom, shape (n,).
+    #: All degrees of freedom from the unknowns and the supported ones; the columns of eliminated ones are empty. None
+    #: where no joint eliminates any. Shape (N, N).
     transform: csr_matrix | None = None
 
     def rows(self, matrix: Any) -> Any:
@@ -108,27 +93,12 @@ def unknowns(
 
     Each condition eliminates the degree of freedom with its largest coefficient.
 
-    Parameters
-    ----------
-    constraints : sequence of Constraint
-    held : ndarray of int
-        Supported degrees of freedom.
-    scale : ndarray, shape (N,)
-        Lengths that make degrees of freedom displacements.
-
-    Returns
-    -------
-    unknowns : Unknowns
-    conditions : csr_matrix, shape (n_constraints, N), or None
-        B with ``B q = 0``.
-    forces : csr_matrix, shape (n_constraints, N), or None
-        L with ``lambda = L r``, where ``r = B' lambda`` is what the equations
-        of motion leave over at the degrees of freedom that no support holds.
-
-    Raises
-    ------
-    ArgumentError
-        If a condition follows from supports and other conditions, exactly or nearly.
+    `held`: supported degrees of freedom.
+    `scale` (shape (N,)): lengths that make degrees of freedom displacements.
+    Returns `conditions` (shape (n_constraints, N)): B with ``B q = 0``.
+    Returns `forces` (shape (n_constraints, N)): L with ``lambda = L r``, where ``r = B' lambda`` is what the equations
+    of motion leave over at the degrees of freedom that no support holds.
+    Raises `ArgumentError` if a condition follows from supports and other conditions, exactly or nearly.
     """
     fixed = np.zeros(scale.size, dtype=bool)
     fixed[held] = True
@@ -172,21 +142,12 @@ def unknowns(
 def _solved(matrix: Array, fixed: Any, scale: Array, labels: Sequence[str]) -> tuple[IntArray, Array, Array]:
     """Solve conditions for one degree of freedom each, by elimination with full pivoting.
 
-    Parameters
-    ----------
-    matrix : ndarray, shape (m, k)
-    fixed : ndarray of bool, shape (k,)
-        What a support holds is no pivot.
-    scale : ndarray, shape (k,)
-
-    Returns
-    -------
-    pivots : ndarray of int, shape (m,)
-        The degrees of freedom that are eliminated.
-    solved : ndarray, shape (m, k)
-        Them as combinations of the others; zero in the columns of `pivots`.
-    inverse : ndarray, shape (m, m)
-        The transposed inverse of the columns of `pivots`.
+    `matrix` has shape (m, k).
+    `fixed` (shape (k,)): what a support holds is no pivot.
+    `scale` has shape (k,).
+    Returns `pivots` (shape (m,)): the degrees of freedom that are eliminated.
+    Returns `solved` (shape (m, k)): them as combinations of the others; zero in the columns of `pivots`.
+    Returns `inverse` (shape (m, m)): the transposed inverse of the columns of `pivots`.
     """
     count = matrix.shape[0]
     work = matrix / scale

@@ -106,11 +106,7 @@ class Axis(Body):
 
         At a node the element to its right is taken (the last node: to its left).
 
-        Parameters
-        ----------
-        x : array_like
-        what : str
-            What x is, for messages.
+        `what`: what x is, for messages.
         """
         what = what or f"a point of {self.label}"
         arc = array(what, x) - self.origin
@@ -134,10 +130,7 @@ class Axis(Body):
     def at(self, where: float | str) -> Point:
         """Return the point at x (m, any place on the axis), at "left" or "right", or at a named point of a mesh.
 
-        Raises
-        ------
-        ArgumentError
-            If the point is not on the beam, or a name is unknown or names several nodes.
+        Raises `ArgumentError` if the point is not on the beam, or a name is unknown or names several nodes.
         """
         what = f"a point of {self.label}"
         if isinstance(where, str):
@@ -149,10 +142,7 @@ class Axis(Body):
     def node_at(self, where: Any) -> int:
         """Return the number of the node at "left", "right", a named point or x, counted from the left.
 
-        Raises
-        ------
-        ArgumentError
-            If there is no node at x, or a name is unknown or names several nodes.
+        Raises `ArgumentError` if there is no node at x, or a name is unknown or names several nodes.
         """
         what = f"a node of {self.label}"
         return self._named_node(what, where) if isinstance(where, str) else self._node_by_x(what, where)
@@ -201,16 +191,9 @@ class Axis(Body):
 
         At a node the value is that of the element to its right, and at the last node that of the element to its left.
 
-        Parameters
-        ----------
-        x : array_like, shape (k,)
-            Place on the axis, m.
-        derivative : int
-            0 to 3.
-
-        Returns
-        -------
-        csr_matrix, shape (k, size)
+        `x` (shape (k,)): place on the axis, m.
+        `derivative`: 0 to 3.
+        Returns an array of shape (k, size).
         """
         from scipy.sparse import csr_matrix
 

@@ -11,13 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import number
+from vofem.arrays import Array, IntArray
 from vofem.errors import ArgumentError
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -279,4 +277,4 @@ def as_point(what: str, value: Any) -> Point:
     if isinstance(value, Point):
         return value
     hint = "; take a point of it with .at(x)" if hasattr(value, "at") else ""
-    raise ArgumentError(f"{what} is {value!r}, expected a point: beam.at(x) or a Mass{hint}")
+    raise ArgumentError(f"{what} is {value!r}, expected a point: beam.at(x), beam.along(path) or a Mass{hint}")

@@ -9,9 +9,9 @@ short element or far from the origin.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from vofem.arrays import Array
 
 _SHAPES = {
     0: (

@@ -13,7 +13,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from skfem import Basis, BilinearForm, LinearForm, MeshLine
 from skfem.element import ElementLineHermite
 from skfem.element.discrete_field import DiscreteField
@@ -21,9 +20,8 @@ from skfem.mapping import MappingAffine
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefLine
 
+from vofem.arrays import Array
 from vofem.bodies.cubics import hermite
-
-Array = NDArray[np.float64]
 
 
 class HermiteElement(ElementLineHermite):

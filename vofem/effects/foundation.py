@@ -7,8 +7,8 @@ from dataclasses import KW_ONLY
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.assembly import ContactEntry, SystemBuilder
 from vofem.bodies.base import Row
 from vofem.bodies.beam import Beam
@@ -22,7 +22,6 @@ from vofem.parameters import CHOSEN, Flag, Name, Real, declared, label_of, rule
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-Array = NDArray[np.float64]
 
 #: Gauss points per element: exact for a stiffness of degree 7 times two cubics.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(7)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -29,6 +29,7 @@ class OfContact(Kind):
 
     shown = "Contact or str"
     expected = "a Contact, or the name of one"
+    schema: ClassVar = {"type": "string"}
 
     def check(self, what: str, value: Any) -> Contact | str:
         """Return the contact or the name."""
@@ -46,10 +47,6 @@ class OfContact(Kind):
         """Return the name."""
         return _NAME.write(value.name if isinstance(value, Contact) else value, book)
 
-    def described(self) -> dict[str, Any]:
-        """Return a name."""
-        return {"type": "string", **super().described()}
-
 
 @declared()
 class Friction(TwoPoints):
@@ -59,7 +56,8 @@ class Friction(TwoPoints):
     While it sticks, w is zero exactly, and the force is the reaction that keeps it so; sticking ends where the reaction
     reaches ``static * normal``. With `stiffness` the slider is behind a spring (a Jenkins element): while it sticks,
     w stretches the spring. `result.frictions` has the histories. The methods ``"event_driven"``, for a constant normal
-    force, and ``"energy_conserving"`` treat sliders; harmonic balance treats those with `stiffness`.
+    force, and ``"energy_conserving"`` treat sliders; harmonic balance treats those with `stiffness`,
+    and shooting rigid ones under a constant normal force without a belt.
 
     Raises
     ------

@@ -9,8 +9,9 @@ from dataclasses import KW_ONLY, field
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vofem.arrays import Array
 from vofem.assembly import SystemBuilder
 from vofem.effects.kinds import Named
 from vofem.effects.two_points import TwoPoints, Units
@@ -18,8 +19,6 @@ from vofem.errors import ArgumentError
 from vofem.laws import HystereticLaw
 from vofem.laws.hysteretic import jenkins
 from vofem.parameters import CHOSEN, Numbers, Real, declared, label_of, rule
-
-Array = NDArray[np.float64]
 
 
 @declared()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from vofem._validate import nearest
 from vofem.bodies.base import Body, Point, as_point
@@ -41,6 +41,7 @@ class OnBody(Kind):
 
     text: str = ""
     beam: bool = False
+    schema: ClassVar = {"type": "string"}
 
     @property
     def shown(self) -> str:  # type: ignore[override]
@@ -71,10 +72,6 @@ class OnBody(Kind):
     def write(self, value: Any, book: Book) -> str:
         """Return the name."""
         return _NAME.write(value.name, book)
-
-    def described(self) -> dict[str, Any]:
-        """Return a name."""
-        return {"type": "string", **super().described()}
 
 
 @dataclass(frozen=True)

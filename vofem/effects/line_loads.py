@@ -1,46 +1,29 @@
-"""Loads per length on a beam, and its elastic bedding, collected from the effects of a scene."""
+"""Section forces of a beam that balance the loads along it and its elastic bedding, which are effects of a scene."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vofem.arrays import Array
 from vofem.bodies.beam import Beam
+from vofem.bodies.recovery import recovered_sections
 from vofem.effects.base_motion import BaseMotion
 from vofem.effects.foundation import Foundation
 from vofem.effects.loads import DistributedLoad, Gravity
 from vofem.time_functions import as_time_function
 
-Array = NDArray[np.float64]
 
+def balanced_sections(
+    effects: Iterable[Any], beam: Beam, x: ArrayLike, times: Array, q: Array, a: Array | None = None
+) -> tuple[Array, Array]:
+    """Return bending moment (N m) and shear force (N) that balance loads and, with accelerations, inertia.
 
-@dataclass(frozen=True)
-class LineLoads:
-    """Loads per length on a beam."""
-
-    #: Pairs of a function of an array x, which returns N/m, shape (k,), and a function of time.
-    loads: list[tuple[Callable[[Array], Array], Callable[[ArrayLike], Any]]]
-    #: Functions of an array x, which return the bedding stiffness in N/m per m, shape (k,).
-    bedding: list[Callable[[Array], Array]]
-
-    def pressure(self, x: Array, times: Array) -> Array:
-        """Return the sum of the loads in N/m, shape (len(x), len(times))."""
-        total = np.zeros((x.size, times.size))
-        for along, function in self.loads:
-            total += np.outer(along(x), np.broadcast_to(np.asarray(function(times), dtype=float), times.shape))
-        return total
-
-    def bed(self, x: Array) -> Array:
-        """Return the stiffness of all bedding in N/m per m, shape (len(x),)."""
-        return sum((stiffness(x) for stiffness in self.bedding), np.zeros(x.size))
-
-
-def line_loads(effects: Iterable[Any], beam: Beam) -> LineLoads:
-    """Return what acts along a beam: distributed loads, weight, base motion and two-sided foundations."""
+    `q`, `a` (shape (beam.size, n_times)): degrees of freedom and their second rates; results are (len(x), n_times).
+    """
     loads: list[tuple[Callable[[Array], Array], Callable[[ArrayLike], Any]]] = []
     bedding: list[Callable[[Array], Array]] = []
     for effect in effects:
@@ -53,4 +36,17 @@ def line_loads(effects: Iterable[Any], beam: Beam) -> LineLoads:
                 loads.append((lambda x: -beam.mass_per_length(x), as_time_function(effect.acceleration)))
             case Foundation() if effect.beam is beam and not effect.one_sided:
                 bedding.append(effect.along)
-    return LineLoads(loads, bedding)
+    values = [np.broadcast_to(np.asarray(function(times), dtype=float), times.shape) for _, function in loads]
+
+    def load(places: Array) -> Array:
+        total = np.zeros((places.size, times.size))
+        for (along, _), value in zip(loads, values, strict=True):
+            total += np.outer(along(places), value)
+        eta = beam.field_matrix(places)
+        if a is not None:
+            total -= beam.mass_per_length(places)[:, None] * (eta @ a)
+        if bedding:
+            total -= sum((stiffness(places) for stiffness in bedding), np.zeros(places.size))[:, None] * (eta @ q)
+        return total + beam.tension * (beam.field_matrix(places, 2) @ q) if beam.tension else total
+
+    return recovered_sections(beam, x, q, load)

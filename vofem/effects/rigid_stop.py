@@ -15,7 +15,7 @@ from vofem.parameters import CHOSEN, Real, declared, label_of, rule
 
 @declared()
 class RigidStop(Stop):
-    """A rigid stop with a coefficient of restitution, for ``method="event_driven"``.
+    """A rigid stop with a coefficient of restitution, for ``method="event_driven"`` and orbits by shooting.
 
     Let b be the row of the gap function ``s = b.q - gap``, whose sign conventions are those of `Contact`. The stop
     keeps ``s <= 0``. Where s reaches zero with the speed ``b.v > 0``, the velocities change at once,

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import number, whole
+from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.cards import Saved
 from vofem.errors import ArgumentError, ConvergenceError, VofemError
@@ -19,8 +19,6 @@ from vofem.fitting.measured import Data, Trial
 from vofem.scene import Scene, as_scene
 from vofem.sensitivities import Parameter
 from vofem.sensitivities.parameter import parameters_of
-
-Array = NDArray[np.float64]
 
 #: Relative changes of the sum of squares and of the unknowns, and size of the gradient, at which a fit ends.
 _TOLERANCE = 1e-12
@@ -384,7 +382,8 @@ def fit(
     chosen = parameters_of("fit", parameters, scene)
     several = tuple(data) if isinstance(data, (list, tuple)) else (data,)
     if not several or any(not isinstance(one, Data) for one in several):
-        raise ArgumentError(f"fit: data is {data!r}, expected vofem.Measured or a list of measurements")
+        wrong = type(next((one for one in several if not isinstance(one, Data)), data)).__name__
+        raise ArgumentError(f"fit: data has a {wrong}, expected vofem.Measured or a list of measurements")
     starts = whole("fit: starts", starts)
     problem = _Problem(scene, chosen, several, "event_driven")
     windows = _windows(horizon, problem.end)

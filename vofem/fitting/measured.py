@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array, choice, name_of, number, public
+from vofem.arrays import Array
 from vofem.bodies.base import Point, as_point
 from vofem.errors import ArgumentError, ConvergenceError
 from vofem.result import Result
@@ -20,8 +21,6 @@ from vofem.statics import equilibrium
 from vofem.studies.steady import PeriodicOrbit, continuation
 from vofem.time_functions import Sine
 from vofem.vibration import modes
-
-Array = NDArray[np.float64]
 
 _UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s^2"}
 

@@ -8,12 +8,11 @@ derivative would add an impulse whenever a contact closes.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import array, number
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
-
-Array = NDArray[np.float64]
 
 #: Beyond this order neighbouring doubles are integers apart, and the sign of the literal formula is lost.
 _UNRESOLVED = 2.0**52

@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from vofem.arrays import Array
 
 #: Weights of a method: order and count to weights, shape (count,), at unit step.
 Weights = Callable[[float, int], Array]
@@ -59,18 +59,10 @@ def linear(order: float, count: int) -> Array:
 def convolve(weights: Weights, stack: Array, orders: Array, *, fast: bool) -> Array:
     """Return ``sum_j w_j(orders[n]) stack[:, n - j]`` for every n.
 
-    Parameters
-    ----------
-    weights : callable
-    stack : ndarray, shape (m, n)
-    orders : ndarray, shape (n,)
-    fast : bool
-        Fourier transforms, whose rounding is relative to the largest values
-        of a row, instead of direct sums.
-
-    Returns
-    -------
-    ndarray, shape (m, n)
+    `stack` has shape (m, n).
+    `orders` has shape (n,).
+    `fast`: Fourier transforms, whose rounding is relative to the largest values of a row, instead of direct sums.
+    Returns an array of shape (m, n).
     """
     count = stack.shape[1]
     if not fast or count <= _SHORT:

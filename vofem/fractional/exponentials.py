@@ -15,12 +15,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import number
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
-
-Array = NDArray[np.float64]
 
 #: Smallest error that rounding lets one ask for.
 _FLOOR = 1e-12

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.fractional.convolution import bdf2, binomial, convolve, linear
 from vofem.fractional.linear import piecewise_linear, power
 from vofem.fractional.sampled import Sampled
-
-Array = NDArray[np.float64]
 
 METHODS = ("cq", "gl", "l1")
 
@@ -37,23 +35,12 @@ def check(function: Sampled, method: str, start: Sequence[float], what: str = "s
 def frozen(function: Sampled, orders: Array, method: str, start: Sequence[float], fast: bool) -> Array:
     """Return the derivative of order ``orders[n]`` at ``t[n]``, an integral where negative, from the lower limit t[0].
 
-    Parameters
-    ----------
-    function : Sampled
-        Passed by `check`.
-    orders : ndarray, shape (n,)
-        Orders of the derivative, at most 2; for the scheme L1 at most 1.
-    method : str
-        One of `METHODS`.
-    start : sequence of float
-        Exponents of powers of ``t - t[0]`` for which "cq" is made exact.
-    fast : bool
-        See `convolve`.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        At the lower limit itself what `at_lower_limit` says.
+    `function`: passed by `check`.
+    `orders` (shape (n,)): orders of the derivative, at most 2; for the scheme L1 at most 1.
+    `method`: one of `METHODS`.
+    `start`: exponents of powers of ``t - t[0]`` for which "cq" is made exact.
+    `fast`: see `convolve`.
+    Returns at the lower limit itself what `at_lower_limit` says.
     """
     t, values = function.t - function.t[0], function.values
     if function.step is None:

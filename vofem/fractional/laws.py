@@ -7,15 +7,14 @@ from dataclasses import dataclass, field
 from typing import Annotated, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import number, wrong
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.fractional.constants import gap_function
 from vofem.fractional.orders import exponential_order
 from vofem.parameters import Numbers, declared, rule
-
-Array = NDArray[np.float64]
 
 
 class OrderLaw(Protocol):
@@ -102,12 +101,9 @@ class TabulatedOrder:
 def orders_at(order: ArrayLike | OrderLaw, t: Array, *, highest: float = 2.0) -> Array:
     """Return the orders at times t, shape (n,); raise `ArgumentError` unless they lie in [0, highest].
 
-    Parameters
-    ----------
-    order : number, array_like of shape (n,), or callable of t
-    t : ndarray, shape (n,)
-    highest : float
-        2 for the operators on functions, 1 for histories of springpots.
+    `order` has shape (n,).
+    `t` has shape (n,).
+    `highest`: 2 for the operators on functions, 1 for histories of springpots.
     """
     given = order(t) if callable(order) else order
     try:

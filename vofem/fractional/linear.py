@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from vofem.arrays import Array
 
 #: Entries of the tables that are held at a time.
 _CHUNK = 2_000_000
@@ -21,20 +20,11 @@ def power(x: Array, k: float, order: Array) -> Array:
 def piecewise_linear(grid: Array, values: Array, t: Array, orders: Array, *, ends: bool = False) -> Array:
     """Return the derivative of given orders of the piecewise linear function through `values`.
 
-    Parameters
-    ----------
-    grid, values : ndarray, shape (n,)
-        The first entry of `grid` is the lower limit.
-    t, orders : ndarray, shape (k,)
-        Times above the lower limit, and the order at each: negative for an
-        integral, at most 1 unless ``t > grid[-1]`` throughout.
-    ends : bool
-        The function drops to zero at the end of its grid. Otherwise all t
-        lie on the grid.
-
-    Returns
-    -------
-    ndarray, shape (k,)
+    `grid`, `values` (shape (n,)): the first entry of `grid` is the lower limit.
+    `t`, `orders` (shape (k,)): times above the lower limit, and the order at each: negative for an integral, at most 1
+    unless ``t > grid[-1]`` throughout.
+    `ends`: the function drops to zero at the end of its grid. Otherwise all t lie on the grid.
+    Returns an array of shape (k,).
     """
     from scipy.special import rgamma
 

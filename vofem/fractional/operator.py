@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import array, choice
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.fractional.frozen import METHODS, check, frozen
 from vofem.fractional.laws import OrderLaw, orders_at
 from vofem.fractional.linear import piecewise_linear
 from vofem.fractional.sampled import History, Sampled, Samples, before, sampled
 
-Array = NDArray[np.float64]
 Method = Literal["cq", "gl", "l1"]
 
 #: Powers of time for which convolution quadrature is made exact where a caller names none. The square costs two orders

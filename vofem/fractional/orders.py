@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import number
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
-
-Array = NDArray[np.float64]
 
 
 def exponential_order(s: ArrayLike, s0: float) -> Array:

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import array
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 
-Array = NDArray[np.float64]
 Samples = ArrayLike | Callable[[Array], ArrayLike]
 History = tuple[ArrayLike, Samples]
 
@@ -21,20 +21,11 @@ _UNIFORM = 1e-9
 
 @dataclass(frozen=True)
 class Sampled:
-    """A function on a grid.
+    """A function on a grid."""
 
-    Attributes
-    ----------
-    t : ndarray, shape (n,)
-        Increasing, in s; t[0] is the lower limit.
-    values : ndarray, shape (n,)
-    step : float or None
-        Where the grid is uniform.
-    """
-
-    t: Array
-    values: Array
-    step: float | None
+    t: Array  #: Increasing, in s; t[0] is the lower limit. Shape (n,).
+    values: Array  #: Shape (n,).
+    step: float | None  #: Where the grid is uniform.
 
 
 def sampled(samples: Samples, t: ArrayLike, what: str = "samples", when: str = "t") -> Sampled:

@@ -11,13 +11,12 @@ import math
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import array, choice, number
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.fractional.exponentials import exponentials
-
-Array = NDArray[np.float64]
 
 
 def last_step(dt: float, order: float) -> tuple[float, float]:

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem.arrays import Array
 from vofem.effects.two_points import UNITS, Units
 from vofem.fractional.orders import exponential_order
 from vofem.histories.impacts import ContactStatistics, ImpactRecord, Impacts
@@ -14,8 +15,6 @@ from vofem.histories.run import Run
 from vofem.histories.touches import RESOLVED
 from vofem.integrators.base import ContactSamples
 from vofem.system import CLOSED, PINNED, ContactLaws
-
-Array = NDArray[np.float64]
 
 
 class ContactHistory:

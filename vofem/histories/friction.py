@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.effects.two_points import UNITS, Units
 from vofem.histories.run import Run
 from vofem.laws import FrictionLaw
-
-Array = NDArray[np.float64]
 
 
 class FrictionHistory:

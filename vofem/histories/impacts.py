@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array
+from vofem.arrays import Array, IntArray
 from vofem.effects.two_points import Units
 from vofem.errors import ArgumentError
 from vofem.histories.run import Run
@@ -19,8 +20,6 @@ from vofem.system import OPEN, ContactLaws
 if TYPE_CHECKING:
     from vofem.integrators.event_driven.bounces import Bounces
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: A contact with a penetration at t = 0 beyond this share of gap and displacement counts as closed before t = 0.
 _AT_GAP = 1e-9

@@ -9,17 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array
+from vofem.arrays import Array
 from vofem.assembly import Model
 from vofem.bodies.base import Body
 from vofem.bodies.beam import Beam
-from vofem.bodies.recovery import recovered_sections
-from vofem.effects.line_loads import line_loads
+from vofem.effects.line_loads import balanced_sections
 from vofem.errors import ArgumentError
 from vofem.integrators.base import Sampled, Solution
 from vofem.lookup import body_named, row_of, the_beam
 from vofem.scene import Scene
-
-Array = NDArray[np.float64]
 
 
 class Motion:
@@ -184,13 +182,4 @@ class Motion:
         times = self.times if t is None else np.atleast_1d(np.asarray(t, dtype=float))
         every = np.arange(beam.size)
         q, a = (self._some(beam, every, t, kind) for kind in ("q", "a"))
-        known = line_loads(self.scene.effects, beam)
-
-        def load(places: Array) -> Array:
-            eta = beam.field_matrix(places)
-            total = known.pressure(places, times) - beam.mass_per_length(places)[:, None] * (eta @ a)
-            if known.bedding:
-                total -= known.bed(places)[:, None] * (eta @ q)
-            return total + beam.tension * (beam.field_matrix(places, 2) @ q) if beam.tension else total
-
-        return recovered_sections(beam, x, q, load)
+        return balanced_sections(self.scene.effects, beam, x, times, q, a)

@@ -5,16 +5,15 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import nearest
+from vofem.arrays import Array
 from vofem.bodies.base import Body
 from vofem.errors import ArgumentError
 from vofem.histories.run import Run
 from vofem.integrators.base import Sampled
 from vofem.reactions import residual, support_reaction
-
-Array = NDArray[np.float64]
 
 
 class Reaction(NamedTuple):

@@ -5,13 +5,11 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.histories.run import Run
 from vofem.histories.table import Table
 from vofem.integrators.base import SpringSamples
-
-Array = NDArray[np.float64]
 
 
 class SpringHistory:

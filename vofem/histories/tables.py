@@ -16,9 +16,6 @@ from vofem.histories.variables import ENERGIES, Tabulated, histories, motion_and
 from vofem.scene import Scene
 from vofem.system import CLOSED, OPEN, PINNED
 
-Array = NDArray[np.float64]
-
-
 #: Points that are chosen where none are named.
 MOST = 6
 

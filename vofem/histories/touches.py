@@ -13,13 +13,11 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array, IntArray
 from vofem.errors import ArgumentError
 from vofem.histories.run import Run
 from vofem.integrators.base import status_at
 from vofem.system import OPEN, PINNED, ContactLaws
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Number of Chebyshev coefficients of a panel of a continuous motion, and of a step.
 _SMOOTH, _STEP = 16, 6

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.bodies.base import Body
 from vofem.effects.two_points import units_of
 from vofem.histories.contact import ContactHistory
@@ -21,8 +22,6 @@ from vofem.integrators.base import ProbeSamples
 from vofem.lookup import rows_over
 from vofem.scene import Scene
 from vofem.system import CLOSED
-
-Array = NDArray[np.float64]
 
 #: All rows of a variable.
 ALL = slice(None)

@@ -23,12 +23,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.system import Counters, Events
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

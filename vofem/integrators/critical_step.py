@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem.system import Counters, State, System
-
-Array = NDArray[np.float64]
 
 #: Up to this size the spectrum is computed with dense matrices.
 _DENSE = 600

@@ -25,10 +25,7 @@ def too_full(system: System) -> str | None:
 def damping_matrix(system: System, counters: Counters) -> Any:
     """Return C as a sparse matrix, or None where nothing is damped.
 
-    Raises
-    ------
-    MethodError
-        If modal damping is asked of a system too large for a full matrix.
+    Raises `MethodError` if modal damping is asked of a system too large for a full matrix.
     """
     if system.modal_damping is None:
         return system.sparse_damping

@@ -21,8 +21,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ConvergenceError, LimitLoadError, MethodError
 from vofem.integrators.applied_force import AppliedForce
 from vofem.integrators.base import Energies, Samples, SpringSamples
@@ -32,8 +32,6 @@ from vofem.integrators.observer import Observer, Snapshot, deferred_interrupts
 from vofem.integrators.stepped import SteppedSolution, step_count
 from vofem.laws import PrintedLaw
 from vofem.system import Counters, Events, State, System
-
-Array = NDArray[np.float64]
 
 #: What is missing from the balance of energy, over the largest energy, that is worth telling.
 _ENERGY = 0.01
@@ -74,12 +72,8 @@ def run(
 
     The method chooses its steps by their error. `dt` is the interval of storage where `times` is not given.
 
-    Raises
-    ------
-    MethodError
-        For a system without a printed law.
-    LimitLoadError
-        If the applied force reaches what the spring can carry.
+    Raises `MethodError` for a system without a printed law.
+    Raises `LimitLoadError` if the applied force reaches what the spring can carry.
     """
     reason = refusal(system)
     if reason is not None:

@@ -17,13 +17,9 @@ class Observer(Protocol):
     def __call__(self, t: float, snapshot: Callable[[], Snapshot] | None, last: bool = False) -> None:
         """Take notice of the time t in s that the run has reached.
 
-        Parameters
-        ----------
-        t : float
-        snapshot : callable
-            Returns the state of the run as plain data, from which it can be resumed. None in a coarser run before it.
-        last : bool
-            Whether the run is interrupted after this call.
+        `snapshot`: returns the state of the run as plain data, from which it can be resumed. None in a coarser run
+        before it.
+        `last`: whether the run is interrupted after this call.
         """
 
 

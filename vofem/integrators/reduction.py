@@ -13,14 +13,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import SingularSystemError
 from vofem.linalg.orthogonal import OrthogonalFactor, elimination_orders
 from vofem.linalg.ritz import RitzBasis
 from vofem.system import Load, State, System
 
-Array = NDArray[np.float64]
 Solve = Callable[[Array], Array]
 
 #: Dashpots on more degrees of freedom than this are treated in modes.
@@ -34,12 +33,7 @@ _WORST_GRAM = 1e7
 class Reduction:
     """Ritz vectors of a system, in any requested number.
 
-    Parameters
-    ----------
-    system : System
-    start : State
-    more : sequence of ndarray, shape (n,)
-        Further loads whose static responses belong in the space.
+    `more` (shape (n,)): further loads whose static responses belong in the space.
     """
 
     def __init__(self, system: System, start: State, more: Sequence[Array] = ()) -> None:
@@ -132,10 +126,8 @@ def loss_in_all_modes(system: System, squares: Array, shapes: Array) -> float | 
 
     None if there is no well-conditioned solution for comparison.
 
-    Parameters
-    ----------
-    squares : ndarray, shape (n,)
-    shapes : ndarray, shape (n, n)
+    `squares` has shape (n,).
+    `shapes` has shape (n, n).
     """
     loads = input_rows(system)[:4]
     if system.strain is None or not loads:

@@ -13,11 +13,7 @@ FEWEST_SAMPLES = 20_000
 def loads_by_values(system: System, t_end: float) -> list[str]:
     """Return a note on every load of which short features may be missed.
 
-    Parameters
-    ----------
-    system : System
-    t_end : float
-        End of the run, s.
+    `t_end`: end of the run, s.
     """
     notes = []
     for load in system.loads:

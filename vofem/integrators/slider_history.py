@@ -8,54 +8,29 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from vofem.arrays import Array
+
 Integers = NDArray[np.int64]
 
 
 class SliderSamples(NamedTuple):
-    """Sliders at some times, each of shape (n_sliders, n_times).
+    """Sliders at some times, each of shape (n_sliders, n_times)."""
 
-    Attributes
-    ----------
-    force : ndarray
-        Mean of the friction force over the step before, N.
-    slip_speed : ndarray
-        m/s, of a slider behind a spring the mean over the step before.
-    status : ndarray of int
-        1 and -1 while it slides up and down, 0 while it sticks.
-    dissipated : ndarray
-        Since t = 0, J.
-    normal : ndarray
-        Mean of the normal force over the step before, N.
-    stored : ndarray
-        Energy in the springs of the sliders, J.
-    """
-
-    force: Array
-    slip_speed: Array
-    status: Integers
-    dissipated: Array
-    normal: Array
-    stored: Array
+    force: Array  #: Mean of the friction force over the step before, N.
+    slip_speed: Array  #: m/s, of a slider behind a spring the mean over the step before.
+    status: Integers  #: 1 and -1 while it slides up and down, 0 while it sticks.
+    dissipated: Array  #: Since t = 0, J.
+    normal: Array  #: Mean of the normal force over the step before, N.
+    stored: Array  #: Energy in the springs of the sliders, J.
 
 
 @dataclass(frozen=True)
 class SliderHistory:
-    """The sliders of a run after every step.
+    """The sliders of a run after every step."""
 
-    Attributes
-    ----------
-    times : ndarray, shape (n_steps + 1,)
-        Ends of the steps, s.
-    log : ndarray, shape (n_steps + 1, 6, n_sliders)
-        The quantities of `SliderSamples`.
-    turns : ndarray, shape (n_turns, 3)
-        Time in s, slider, and 0 where sliding ends, 1 where sticking ends.
-    """
-
-    times: Array
-    log: Array
-    turns: Array
+    times: Array  #: Ends of the steps, s, shape (n_steps + 1,).
+    log: Array  #: The quantities of `SliderSamples`, shape (n_steps + 1, 6, n_sliders).
+    turns: Array  #: Time in s, slider, and 0 where sliding ends, 1 where sticking ends, shape (n_turns, 3).
 
     def samples(self, times: Array, slip: Array, rigid: NDArray[np.bool_]) -> SliderSamples:
         """Return the sliders at times, given the slip speeds of rigid ones, shape (n_sliders, n_times)."""

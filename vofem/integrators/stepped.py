@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.integrators.base import ContactSamples, Energies, ProbeSamples, Samples, SpringSamples
 from vofem.kernels.mode import as_it_ran, compiled
@@ -15,8 +16,6 @@ from vofem.system import CLOSED, OPEN, Counters, Events, System
 
 if TYPE_CHECKING:
     from vofem.integrators.slider_history import SliderHistory, SliderSamples
-
-Array = NDArray[np.float64]
 
 
 #: What second rates may bend the quintic, over the way of the step, before they are left out; motion of which a step is
@@ -26,43 +25,22 @@ _OVERSHOOT = 12.0
 
 @dataclass
 class SteppedSolution:
-    """States of a stepping run at its stored times.
-
-    Attributes
-    ----------
-    times : ndarray, shape (n_times,)
-        Stored times, s.
-    samples : Samples
-        States at the stored times, each of shape (n, n_times).
-    stored : Energies
-        Energies at the stored times, in the discrete form that the method balances.
-    start_energy : float
-        Energy at t = 0 in the same form, J.
-    dt : float
-        Step size, s.
-    springs : SpringSamples, optional
-        Springs with memory at the stored times.
-    probes : ProbeSamples, optional
-        Points that were recorded at every step.
-    sliders : SliderHistory, optional
-        Sliders after every step.
-    compiled : bool
-        How the run was computed, and so how contacts are evaluated later.
-    """
+    """States of a stepping run at its stored times."""
 
     system: System
     t_end: float
-    times: Array
-    samples: Samples
-    stored: Energies
-    start_energy: float
-    dt: float
+    times: Array  #: Stored times, s, shape (n_times,).
+    samples: Samples  #: States at the stored times, each of shape (n, n_times).
+    stored: Energies  #: Energies at the stored times, in the discrete form that the method balances.
+    start_energy: float  #: Energy at t = 0 in the same form, J.
+    dt: float  #: Step size, s.
     events: Events
     counters: Counters
     notes: list[str]
-    springs: SpringSamples | None = None
-    probes: ProbeSamples | None = None
-    sliders: SliderHistory | None = None
+    springs: SpringSamples | None = None  #: Springs with memory at the stored times.
+    probes: ProbeSamples | None = None  #: Points that were recorded at every step.
+    sliders: SliderHistory | None = None  #: Sliders after every step.
+    #: How the run was computed, and so how contacts are evaluated later.
     compiled: bool = field(default_factory=compiled)
 
     continuous: ClassVar[bool] = False
@@ -196,16 +174,9 @@ def step_count(t_end: float, dt: float) -> int:
 def storage_times(times: Array | None, t_end: float, dt: float, steps: int, size: int, notes: list[str]) -> Array:
     """Return the times to store: those asked for, or every step, thinned where memory would run out.
 
-    Parameters
-    ----------
-    times : ndarray, optional
-    t_end, dt : float
-    steps : int
-        The last one ends at or after t_end.
-    size : int
-        Degrees of freedom.
-    notes : list of str
-        Thinning adds a note.
+    `steps`: the last one ends at or after t_end.
+    `size`: degrees of freedom.
+    `notes`: thinning adds a note.
     """
     if times is not None:
         return times

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.system import OPEN, ContactLaws, Events
-
-Array = NDArray[np.float64]
 
 #: Part of its gap that a contact must cross, or its gap may be a mistake.
 _PART = 0.1
@@ -23,12 +22,7 @@ def open_throughout(laws: ContactLaws, events: Events) -> NDArray[np.bool_]:
 def never_closed(laws: ContactLaws, events: Events, peak: Array) -> list[str]:
     """Return a note on contacts that never closed, nor came near it.
 
-    Parameters
-    ----------
-    laws : ContactLaws
-    events : Events
-    peak : ndarray, shape (n_contacts,)
-        Largest value of ``b.q`` in the run, m.
+    `peak` (shape (n_contacts,)): largest value of ``b.q`` in the run, m.
     """
     far = np.flatnonzero(open_throughout(laws, events) & (peak < _PART * laws.gap))
     if not far.size:

@@ -72,10 +72,10 @@ def write_probes(result: Result, path: str | os.PathLike[str]) -> Path:
 
 
 def write_columns(columns: dict[str, Any], goal: Path) -> Path:
-    """Write columns of equal length, arrays of numbers or lists of text, under their names."""
+    """Write columns of equal length, arrays of numbers or lists of numbers and text, under their names."""
     rows = zip(*(column if isinstance(column, list) else column.tolist() for column in columns.values()), strict=True)
     with replacing(goal) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        writer.writerows([value if isinstance(value, str) else repr(value) for value in row] for row in rows)
+        writer.writerows([value if isinstance(value, str | None) else repr(value) for value in row] for row in rows)
     return goal

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from vofem._validate import number
+from vofem.arrays import Array, IntArray
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Row
 from vofem.bodies.cubics import hermite
@@ -27,9 +28,6 @@ from vofem.errors import ArgumentError
 from vofem.io.pictures.places import all_contacts
 from vofem.result import Result
 from vofem.scene import Scene
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: The cell data `kind`.
 BEAM, MASS, CONTACT, STOP = range(4)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import number
+from vofem.arrays import Array
 from vofem.errors import ArgumentError, OutputError
 from vofem.files.whole import replacing, target
 from vofem.histories.impacts import window_of
@@ -21,8 +22,6 @@ from vofem.io.pictures.drawing import COLORMAP
 from vofem.io.pictures.units import nice_below
 from vofem.result import Result
 from vofem.studies.steady import PeriodicOrbit
-
-Array = NDArray[np.float64]
 
 #: Times over which the slider moves, and by which a scale of colours is chosen; largest displacement that is shown,
 #: over the size of the scene.

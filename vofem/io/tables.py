@@ -1,14 +1,33 @@
-"""Tables of a run as text: contact events and energies."""
+"""Tables of runs, branches, sweeps and studies of accuracy: as text for a terminal, and as CSV files."""
 
 from __future__ import annotations
+
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.bodies.base import as_point
+from vofem.files.whole import target
+from vofem.io.csv_file import write_columns
 from vofem.result import Result
+
+if TYPE_CHECKING:
+    from vofem.studies.accuracy import Study
+    from vofem.studies.accuracy.study import Run
+    from vofem.studies.steady import Branch
+    from vofem.studies.sweep import Sweep
 
 #: Of forces, which are printed with six digits.
 _TOLERANCE = 1e-7
+
+_STABLE = {True: "1", False: "0", None: ""}
+
+
+# -- runs ---------------------------------------------------------------------------------------------
 
 
 def contact_tables(result: Result, most: int = 8, *, forces: bool = True) -> str:
@@ -26,16 +45,10 @@ def contact_tables(result: Result, most: int = 8, *, forces: bool = True) -> str
 def contact_table(result: Result, name: str, most: int = 20, *, forces: bool = True) -> str:
     """Return a line per impact of a contact: when it closes and opens, approach speed, peak force and impulse.
 
-    Parameters
-    ----------
-    result : Result
-    name : str
-        Name of the contact.
-    most : int
-        How many impacts are shown; the rest is counted.
-    forces : bool
-        Whether speed, force and impulse are shown. Where the structure is large or damped, they may take as long as
-        the run; the times are known at once.
+    `name`: name of the contact.
+    `most`: how many impacts are shown; the rest is counted.
+    `forces`: whether speed, force and impulse are shown. Where the structure is large or damped, they may take as long
+    as the run; the times are known at once.
     """
     history = result.contacts[name]
     units = history.units
@@ -98,3 +111,138 @@ def counter_line(result: Result) -> str:
         f"{name.replace('_', ' ')} {value}" for name, value in counters.items() if value and name != "events"
     )
     return f"{result.counters.events} contact events; work by {result.method}: {shown}"
+
+
+# -- branches and sweeps ------------------------------------------------------------------------------
+
+
+def write_branch(branch: Branch, point: Any, path: str | os.PathLike[str], parameter: str = "parameter") -> Path:
+    """Write a line for each orbit and, among them, each special point of a branch; return the path.
+
+    It has the parameter, the frequency, the amplitude, the stability (1 or 0) and the largest multiplier, the last two
+    empty where they are not known, and the kind of a special point.
+    """
+    goal = target(path, (".csv",))
+    place = as_point("write_branch: point", point)
+    rows: list[tuple[float, float, Any, str]] = [
+        (float(k), float(value), orbit, "")
+        for k, (value, orbit) in enumerate(zip(branch.values, branch.orbits, strict=True))
+    ]
+    rows += [(special.place, special.value, special.orbit, special.kind) for special in branch.special]
+    rows.sort(key=lambda row: row[0])
+    orbits = [orbit for _, _, orbit, _ in rows]
+    extremes = np.array([orbit.extremes(place) for orbit in orbits]).reshape(-1, 2)
+    omega = np.array([orbit.omega for orbit in orbits])
+    columns: dict[str, Any] = {
+        parameter: np.array([value for _, value, _, _ in rows]),
+        "frequency [Hz]": omega / (2.0 * np.pi),
+        "angular frequency [rad/s]": omega,
+        f"{place.name} amplitude [m]": 0.5 * (extremes[:, 1] - extremes[:, 0]),
+        f"{place.name} least [m]": extremes[:, 0],
+        f"{place.name} largest [m]": extremes[:, 1],
+        "stable": [_STABLE[orbit.stable] for orbit in orbits],
+        "largest multiplier": [_largest(orbit) for orbit in orbits],
+        "special": [kind for _, _, _, kind in rows],
+    }
+    return write_columns(columns, goal)
+
+
+def _largest(orbit: Any) -> str:
+    known = orbit.multipliers
+    return "" if known is None else repr(float(np.abs(known).max(initial=0.0)))
+
+
+def branch_table(branch: Branch, point: Any, parameter: str = "parameter") -> str:
+    """Return the special points of a branch as text, a line for each."""
+    place = as_point("branch_table: point", point)
+    stable = branch.stable.tolist()
+    known = f"{stable.count(True)} stable, {stable.count(False)} unstable, {stable.count(None)} not decided"
+    lines = [f"{len(branch)} orbits: {known}"]
+    if branch.special:
+        lines += ["", f"{'special point':16}  {parameter:>24}  {f'amplitude of {place.name} [m]':>28}"]
+    for special in branch.special:
+        name = special.kind.replace("_", " ") + (f" ({special.contact})" if special.contact else "")
+        lines.append(f"{name:16}  {special.value:24.15g}  {special.orbit.amplitude(place):28.9g}")
+    return "\n".join(lines)
+
+
+def write_sweep(sweep: Sweep, path: str | os.PathLike[str]) -> Path:
+    """Write a line for each point of a sweep; return the path.
+
+    Columns are the parameters, the quantities (one column an entry where they are arrays), and the error of a point
+    that failed.
+    """
+    goal = target(path, (".csv",))
+    rows = sweep.points.rows
+    columns: dict[str, Any] = {name: [row[name] for row in rows] for name in sweep.points.names}
+    for name in sweep:
+        column = sweep[name].reshape(len(rows), -1)
+        heads = [name] if column.shape[1] == 1 else [f"{name}[{k}]" for k in range(column.shape[1])]
+        columns |= zip(heads, column.T, strict=True)
+    return write_columns(columns | {sweep.error_column: sweep.errors()}, goal)
+
+
+# -- studies of accuracy ------------------------------------------------------------------------------
+
+
+def study_table(study: Study) -> str:
+    """Return a study as text: the machine, the reference, a line per run, and what was left out."""
+    reference = study.reference
+    lines = [
+        f"Displacement of {study.point} over {study.t_end:g} s; errors over its largest value, {reference.scale:.4g} m",
+        f"Reference: {reference.how}, known to {study.floor:.1e}",
+        f"Machine: {study.machine}",
+    ]
+    if reference.horizon < study.t_end:
+        lines.append(f"Chaotic: errors are taken until t = {reference.horizon:.4g} s, beyond which rounding rules")
+    head = ("error", "rms", "of steps", "of mesh", "of rounding", "order", "events [s]", "impulse", "energy")
+    width = max([len(str(run.setting)) for run in study.runs], default=0)
+    lines += [
+        "",
+        f"{'run':{width}}  {'elements':>8}  {'time [s]':>9}  {'steps':>8}" + "".join(f"  {name:>11}" for name in head),
+    ]
+    lines += [_line(study, run, width) for run in study.runs]
+    if study.left_out:
+        lines += ["", "Left out"]
+        lines += [f"  {out.setting}, {out.setting.elements} elements: {out.why}" for out in study.left_out]
+    return "\n".join(lines)
+
+
+def _line(study: Study, run: Run, width: int) -> str:
+    scale = study.reference.scale or 1.0
+    total, setting = run.total, run.setting
+    values = [_short(value / scale) for value in (total.largest, total.rms, run.time.largest, run.space, run.rounding)]
+    values.append("-" if np.isnan(run.order) else f"{run.order:.2f}")
+    values += [_short(value) for value in (total.events, total.impulse, total.energy)]
+    start = f"{setting!s:{width}}  {setting.elements:8d}  {run.seconds:9.3g}  {run.steps:8d}"
+    return start + "".join(f"  {value:>11}" for value in values)
+
+
+def _short(value: float) -> str:
+    if np.isnan(value):
+        return "-"
+    return "differ" if np.isinf(value) else f"{value:.1e}"
+
+
+def write_study(study: Study, path: str | os.PathLike[str]) -> Path:
+    """Write a line for each run of a study, lengths in m and times in s, as `Run` and `Errors` say; return the path."""
+    goal = target(path, (".csv",))
+    rows = [
+        {
+            **{name: getattr(run.setting, name) for name in ("method", "elements", "dt", "tol")},
+            **{name: getattr(run, name) for name in ("unknowns", "seconds")},
+            "assembly_seconds": run.assembly,
+            "work": run.work,
+            **run.counters,
+            **{f"{name}_error": value for name, value in asdict(run.total).items()},
+            **{f"steps_{name}_error": value for name, value in asdict(run.time).items()},
+            "mesh_error": run.space,
+            "rounding": run.rounding,
+            "order": run.order,
+            "relative_error": study.relative(run),
+            "reference_floor": study.reference.floor,
+            "reference_horizon": study.reference.horizon,
+        }
+        for run in study.runs
+    ]
+    return write_columns({name: [row[name] for row in rows] for name in (rows[0] if rows else ())}, goal)

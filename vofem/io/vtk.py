@@ -17,15 +17,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import array
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.files.whole import replacing, target
 from vofem.io.frames import Frames
 from vofem.result import Result
-
-Array = NDArray[np.float64]
 
 _FRAMES = "frame-*.vtu"
 

@@ -1,12 +1,16 @@
-"""Kernels that other kernels call through their addresses.
+"""Kernels that other kernels call through their addresses, and arrays that kernels find by theirs.
 
-All of them are functions ``function(what, p, z, x0, x1) -> float`` of a whole number, two arrays, which they take by
-indices only, and two numbers. They are compiled apart: a kernel that calls them contains nothing of them, and is
+All such kernels are functions ``function(what, p, z, x0, x1) -> float`` of a whole number, two arrays, which they take
+by indices only, and two numbers. They are compiled apart: a kernel that calls them contains nothing of them, and is
 compiled once for all of them.
+
+A kernel that takes dozens of arrays would spend most of its time for compiling on their arguments. It takes one array
+of their places instead. Whoever writes these places keeps the arrays.
 """
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import Any
 from weakref import WeakValueDictionary
@@ -19,11 +23,17 @@ from vofem.kernels.mode import compiled
 
 Array = NDArray[np.float64]
 
-#: Functions by the negative numbers that stand for their addresses in plain Python.
+#: Functions and arrays by the negative numbers that stand for their addresses in plain Python.
 _KNOWN: WeakValueDictionary[int, Any] = WeakValueDictionary()
 
 #: Machine code that must live as long as its address is in use.
 _KEPT: list[Any] = []
+
+
+def place_of(array: NDArray[Any]) -> int:
+    """Return where kernels find an array that lies in memory row by row, in the way in which they run at present."""
+    assert array.flags.c_contiguous
+    return int(array.__array_interface__["data"][0]) if compiled() else plain_address(array)
 
 
 def address_of(function: CompiledFunction) -> int:
@@ -31,10 +41,10 @@ def address_of(function: CompiledFunction) -> int:
     return _compiled_address(function) if compiled() else plain_address(function.plain)
 
 
-def plain_address(function: Any) -> int:
-    """Return a number by which plain Python knows a function, as long as the function lives."""
-    number = -1 - id(function)
-    _KNOWN[number] = function
+def plain_address(known: Any) -> int:
+    """Return a number by which plain Python knows a function or an array, as long as this lives."""
+    number = -1 - id(known)
+    _KNOWN[number] = known
     return number
 
 
@@ -84,3 +94,35 @@ def _call_plain(address: int, what: int, p: Array, first: int, z: Array, start: 
 
 #: ``call(address, what, p, first, z, start, x0, x1)`` calls a function with the parts of two arrays from two places on.
 call: Any = Intrinsic(_call_address, _call_plain)
+
+
+def _pointer(kind: str) -> Any:
+    from numba import types
+    from numba.extending import intrinsic
+
+    numbers = types.CPointer(getattr(types, kind))
+
+    @intrinsic
+    def pointer(typing_context: Any, address: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+            return builder.inttoptr(given[0], context.get_value_type(numbers))
+
+        return numbers(types.int64), generate
+
+    return pointer
+
+
+def _carray() -> Any:
+    from numba import carray
+
+    return carray
+
+
+def _shaped(array: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    return array if array.shape == shape else array.reshape(-1)[: math.prod(shape)].reshape(shape)
+
+
+#: ``shaped(floats(place), shape)`` is the array at a place, or its first part in another shape.
+floats: Any = Intrinsic(lambda: _pointer("float64"), lambda place: _KNOWN[place])
+integers: Any = Intrinsic(lambda: _pointer("int64"), lambda place: _KNOWN[place])
+shaped: Any = Intrinsic(_carray, _shaped)

@@ -30,22 +30,12 @@ _spent: dict[str, float] = {}
 
 @dataclass(frozen=True)
 class Choice:
-    """The choice of how a piece of work is done.
+    """The choice of how a piece of work is done."""
 
-    Attributes
-    ----------
-    kind : str
-        The kind of work. All work of one kind needs the same kernels.
-    compiled : bool
-    first : bool
-        Whether kernels that are not on disk are compiled now.
-    patience : float
-        Seconds of processor time after which it is faster to start the work again with compiled kernels.
-    """
-
-    kind: str
+    kind: str  #: The kind of work. All work of one kind needs the same kernels.
     compiled: bool
-    first: bool
+    first: bool  #: Whether kernels that are not on disk are compiled now.
+    #: Seconds of processor time after which it is faster to start the work again with compiled kernels.
     patience: float
 
     def instead(self) -> Choice:

@@ -21,12 +21,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 class Intrinsic:
     """Machine code for compiled functions to call, made when numba is there.
 
-    Parameters
-    ----------
-    make : callable
-        Returns what `numba.extending.intrinsic` has made.
-    plain : callable
-        The same function in plain Python.
+    `make`: returns what `numba.extending.intrinsic` has made.
+    `plain`: the same function in plain Python.
     """
 
     def __init__(self, make: Callable[[], Any], plain: Callable[..., Any]) -> None:
@@ -47,10 +43,7 @@ class CompiledFunction:
 
     A module that holds such functions is imported without numba. Which form runs is decided by `vofem.kernels.mode`.
 
-    Attributes
-    ----------
-    py_func : callable
-        The plain Python function.
+    `py_func`: the plain Python function.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:

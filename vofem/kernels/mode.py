@@ -51,9 +51,7 @@ def compiled() -> bool:
 def check_patience() -> None:
     """Raise where work in plain Python has taken longer than it may.
 
-    Raises
-    ------
-    Outgrown
+    Raises `Outgrown`.
     """
     mode = _MODE.get()
     if mode is not None and time.thread_time() > mode.deadline:
@@ -64,12 +62,8 @@ def check_patience() -> None:
 def kernels(*, compiled: bool, patience: float = float("inf")) -> Iterator[None]:
     """Run all kernels that are called within as compiled code, or as plain Python.
 
-    Parameters
-    ----------
-    compiled : bool
-    patience : float
-        Seconds of processor time after which work in plain Python ends in `Outgrown`, at the next call of a kernel. On
-        a busy machine compiling would take longer too, so wall time does not count.
+    `patience`: seconds of processor time after which work in plain Python ends in `Outgrown`, at the next call of a
+    kernel. On a busy machine compiling would take longer too, so wall time does not count.
     """
     before = _MODE.set(_Mode(compiled, time.thread_time() + patience))
     try:

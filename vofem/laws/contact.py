@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.kernels.jit import jit
 from vofem.laws.group import LawGroup
 from vofem.laws.law import CLOSED, DAMPING, FORCE, JUMP, KINK, MEAN, OPEN, PINNED, STORED, TANGENT, Law
@@ -25,7 +26,6 @@ from vofem.laws.resolved import resolved_contact, steepest, switch
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 #: Distance in m at which a contact stands open that is not on its beam.
@@ -43,34 +43,24 @@ class ContactLaws(LawGroup):
 
     - ``R = K0 (b.q) + C0 (b.q')`` where `jump` is true (Eqs. 9b, 13, 18c), and
     - ``R = K0 (b.q - gap) + C0 (b.q')`` elsewhere.
-
-    Attributes
-    ----------
-    names : tuple of str
-    rows : csr_matrix, shape (n_contacts, n)
-    gap, stiffness, damping : ndarray, shape (n_contacts,)
-        Gap, m, stiffness K0, N/m, and coefficient of the damper, N s/m.
-    jump : ndarray of bool, shape (n_contacts,)
-        Whether the force acts on the whole displacement.
-    resolution : ndarray, shape (n_contacts,)
-        s0 in 1/m of the resolved switch; inf for the ideal one.
-    restitution : ndarray, shape (n_contacts,)
-        Coefficient of restitution of rigid stops, whose stiffness is 0 here; NaN for elastic contacts.
-    moving : Moving, optional
-        What is added to the coordinates ``b.q`` because stops and bases move; None where they do not.
     """
 
     kind: ClassVar[str] = "contacts"
     place: ClassVar[int] = 0
 
     names: tuple[str, ...]
-    rows: csr_matrix
+    rows: csr_matrix  #: Shape (n_contacts, n).
+    #: `gap`, `stiffness`, `damping`: gap, m, stiffness K0, N/m, and coefficient of the damper, N s/m, shape
+    #: (n_contacts,).
     gap: Array
     stiffness: Array
     damping: Array
-    jump: NDArray[np.bool_]
-    resolution: Array
+    jump: NDArray[np.bool_]  #: Whether the force acts on the whole displacement, shape (n_contacts,).
+    resolution: Array  #: s0 in 1/m of the resolved switch; inf for the ideal one. Shape (n_contacts,).
+    #: Coefficient of restitution of rigid stops, whose stiffness is 0 here; NaN for elastic contacts. Shape
+    #: (n_contacts,).
     restitution: Array
+    #: What is added to the coordinates ``b.q`` because stops and bases move; None where they do not.
     moving: Moving | None = None
 
     @classmethod
@@ -289,12 +279,8 @@ class ContactLaws(LawGroup):
 def initial_status(laws: ContactLaws, q: Array, v: Array, size: Array | None = None) -> Status:
     """Return the status at t = 0: closed if ``s > 0``, or if ``s = 0`` and the contact is closing.
 
-    Parameters
-    ----------
-    q, v : ndarray, shape (n,)
-        Displacements and velocities at t = 0.
-    size : ndarray, shape (n_contacts,), optional
-        Sums of the magnitudes of the terms of ``rows @ q``, where they are known.
+    `q`, `v` (shape (n,)): displacements and velocities at t = 0.
+    `size` (shape (n_contacts,)): sums of the magnitudes of the terms of ``rows @ q``, where they are known.
     """
     u, rate = laws.coordinates(q[:, None], np.zeros(1))[:, 0], laws.rates(q[:, None], v[:, None], np.zeros(1))[:, 0]
     # An s below the rounding of the terms that u sums is zero.

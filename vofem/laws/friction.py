@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+#: Statuses of a slider beside CLOSED (stuck behind its spring) and PINNED (stuck): it slides in either direction.
+UP, DOWN = 3, 4
+
 
 @dataclass(frozen=True, eq=False)
 class FrictionLaw:
@@ -74,7 +77,23 @@ class FrictionLaws(ListedLaws):
         """Return why something cannot treat sliders, and what to do instead."""
         pressed = any(law.contact is not None for law in self.laws)
         only = "'energy_conserving'" if pressed else "'event_driven' or 'energy_conserving'"
-        return f"{what} does not treat {self.labels[0]}; only simulate(method={only}) does"
+        orbits = "" if self.orbit_refusal() is not None else ", and orbits by shooting do"
+        return f"{what} does not treat {self.labels[0]}; only simulate(method={only}){orbits or ' does'}"
+
+    def orbit_refusal(self) -> str | None:
+        """Return why shooting cannot treat the sliders, and what to do instead; None for rigid ones without belts."""
+        for law in self.laws:
+            why, cure = "", "simulate the scene until it has settled"
+            if law.contact is not None:
+                why = f"is pressed by the contact {law.contact!r}"
+            elif law.stiffness < np.inf:
+                why = "has a stiffness, whose spring remembers where it slid last"
+                cure = "use method='harmonic_balance', or simulate the scene until it has settled"
+            elif law.belt is not None:
+                why = "stands on a belt"
+            if why:
+                return f"{law.label} {why}; shooting takes rigid sliders under a constant normal force only: {cure}"
+        return None
 
     def statics_refusal(self, path: bool) -> str | None:
         """Return why statics cannot treat sliders: equilibria are not unique."""
@@ -89,7 +108,10 @@ class FrictionLaws(ListedLaws):
             if law.contact is not None:
                 found, cure = f"is pressed by the contact {law.contact!r}", "give normal= instead"
             elif np.isinf(law.stiffness):
-                found, cure = "sticks rigidly, so its force jumps", "give the slider a spring, stiffness="
+                found, cure = (
+                    "sticks rigidly, so its force jumps",
+                    "find the orbit by shooting, give the slider a spring, stiffness=",
+                )
             elif law.static > law.limit:
                 found, cure = "has a static coefficient above the sliding one, so its force jumps", "leave out static="
             elif law.belt is not None:

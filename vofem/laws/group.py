@@ -10,33 +10,22 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array, Complex
 from vofem.laws.law import FORCE, STORED, Law, LawSet
 from vofem.laws.moving import Moving
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
 
 class StepPast(Protocol):
-    """The past of laws whose force over a step is affine in the coordinate at its end, but depends on earlier steps.
+    """The past of laws whose force over a step is affine in the coordinate at its end, but depends on earlier steps."""
 
-    Attributes
-    ----------
-    row, count : int
-        Number of the first law among all laws, and of these laws.
-    terms : int
-        Number of internal variables of all laws.
-    y : ndarray
-        The internal variables; changed in place.
-    """
-
+    #: `row`, `count`: number of the first law among all laws, and of these laws.
     row: int
     count: int
-    terms: int
-    y: Array
+    terms: int  #: Number of internal variables of all laws.
+    y: Array  #: The internal variables; changed in place.
 
     def begin(self, start: Any, dt: float | None) -> Array:
         """Set the internal variables to those at t = 0 of a run from a `State`; return the forces there, N, (count,).
@@ -58,24 +47,15 @@ class LawGroup:
     as the force ``-b R``. A group gives its laws as functions (`forms`), from which
     all numbers are derived. Its refusals say which methods cannot treat it, and why.
 
-    Attributes
-    ----------
-    kind : str
-        Name of the kind of law, for readers.
-    place : int
-        Position of the group among those of a system.
-    rows : csr_matrix, shape (n_laws, n)
-        Over the free degrees of freedom.
-    names, labels : tuple of str
-        Names of the laws, and names with the class of the effect in front for messages.
+    `names`, `labels`: names of the laws, and names with the class of the effect in front for messages.
     """
 
-    kind: ClassVar[str] = "laws"
+    kind: ClassVar[str] = "laws"  #: Name of the kind of law, for readers.
 
     #: Position of the group among those of a system; contacts come first.
-    place: ClassVar[int] = 1
+    place: ClassVar[int] = 1  #: Position of the group among those of a system.
 
-    rows: csr_matrix
+    rows: csr_matrix  #: Over the free degrees of freedom, shape (n_laws, n).
 
     #: What moves the coordinates beside the structure; None where nothing does.
     moving: Moving | None = None
@@ -232,12 +212,8 @@ class LawGroup:
     def past_in_steps(self, row: int, shortest: float, t_end: float) -> StepPast | None:
         """Return the internal variables that the laws have in a run in time steps beside those of `virgin`, or None.
 
-        Parameters
-        ----------
-        row : int
-            Number of the first law of the group among all laws.
-        shortest, t_end : float
-            Shortest step, and the longest time that will be reached, in s.
+        `row`: number of the first law of the group among all laws.
+        `shortest`, `t_end`: shortest step, and the longest time that will be reached, in s.
         """
         return None
 
@@ -268,15 +244,9 @@ class LawGroup:
 
 @dataclass(frozen=True)
 class ListedLaws(LawGroup):
-    """A group that holds its laws as objects with a `name` and a `label`, one per row.
+    """A group that holds its laws as objects with a `name` and a `label`, one per row."""
 
-    Attributes
-    ----------
-    rows : csr_matrix, shape (n_laws, n)
-    laws : tuple
-    """
-
-    rows: csr_matrix
+    rows: csr_matrix  #: Shape (n_laws, n).
     laws: tuple[Any, ...]
 
     @property

@@ -16,14 +16,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.kernels.jit import jit
 from vofem.laws.group import LawGroup, ListedLaws
 from vofem.laws.law import COMMIT, FORCE, KINK, LOSS, MEAN, STORED, TANGENT, Law
 from vofem.laws.paper import no_modes, path_needed
-
-Array = NDArray[np.float64]
 
 _SQRT = 1.0 / math.sqrt(3.0)
 
@@ -42,10 +40,7 @@ class HystereticLaw(Law):
 class HystereticLaws(ListedLaws):
     """Laws with internal variables, one per row.
 
-    Attributes
-    ----------
-    rows : csr_matrix, shape (n_laws, n)
-    laws : tuple of HystereticLaw
+    `rows` has shape (n_laws, n).
     """
 
     place: ClassVar[int] = 2
@@ -174,19 +169,13 @@ def cyclic(
 ) -> HystereticLaw:  # fmt: skip
     """Return a cyclic law on a hyperbola or on a table.
 
-    Parameters
-    ----------
-    stiffness, onset, limit : float
-        Stiffness before any load, which is the largest that the law ever has, N/m; force at which it first yields, and
-        limit load, N.
-    span : float, optional
-        Range of forces over which the secant stiffness falls to zero, N.
-    table : ndarray, shape (4 n_knots,), optional
-        Elongation, force, slope and work at the knots of the backbone, one array after the other.
-    one_sided : bool
-        Whether the force cannot pull, as in a stop.
-    gap : float
-        Elongation at which the force begins, m.
+    `stiffness`, `onset`, `limit`: stiffness before any load, which is the largest that the law ever has, N/m; force at
+    which it first yields, and limit load, N.
+    `span`: range of forces over which the secant stiffness falls to zero, N.
+    `table` (shape (4 n_knots,)): elongation, force, slope and work at the knots of the backbone, one array after the
+    other.
+    `one_sided`: whether the force cannot pull, as in a stop.
+    `gap`: elongation at which the force begins, m.
     """
     if table is None:
         assert span is not None

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem.arrays import Array
 from vofem.time_functions import Shifted, TimeFunction
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
-
-Array = NDArray[np.float64]
 
 
 class Track(Protocol):
@@ -40,22 +39,12 @@ class Track(Protocol):
 
 @dataclass(frozen=True)
 class Rider:
-    """The part of a law's coordinate that travels: ``sign (b(t).q + r(t))``, r being the height of the road.
-
-    Attributes
-    ----------
-    track : Track
-    sign : float
-    body : csr_matrix, shape (size, n)
-        The body's degrees of freedom from the unknowns.
-    start : float
-        Time in s at which the run begins.
-    """
+    """The part of a law's coordinate that travels: ``sign (b(t).q + r(t))``, r being the height of the road."""
 
     track: Track
     sign: float
-    body: csr_matrix
-    start: float = 0.0
+    body: csr_matrix  #: The body's degrees of freedom from the unknowns, shape (size, n).
+    start: float = 0.0  #: Time in s at which the run begins.
 
     def rows(self, times: Array) -> csr_matrix:
         """Return the rows b at times, csr_matrix (k, n)."""
@@ -90,19 +79,11 @@ class Rider:
 
 @dataclass(frozen=True)
 class Moving:
-    """What coordinates of laws have beside ``b.q``: offsets ``g(t)`` as sums of functions of time, and what travels.
-
-    Attributes
-    ----------
-    functions : tuple of TimeFunction
-    weights : ndarray, shape (n_laws, n_functions)
-    riders : dict of int to Rider
-        By the number of the law.
-    """
+    """What coordinates of laws have beside ``b.q``: offsets ``g(t)`` as sums of functions of time, and what travels."""
 
     functions: tuple[TimeFunction, ...]
-    weights: Array
-    riders: dict[int, Rider]
+    weights: Array  #: Shape (n_laws, n_functions).
+    riders: dict[int, Rider]  #: By the number of the law.
 
     def at(self, times: ArrayLike) -> Array:
         """Return the offsets at times, shape (n_laws, *times.shape)."""

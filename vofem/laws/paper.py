@@ -8,13 +8,11 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import LimitLoadError
 from vofem.laws.group import LawGroup, ListedLaws
 from vofem.laws.law import Law, affine
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -31,27 +29,14 @@ class LinearLevel:
 
 @dataclass(frozen=True)
 class PrintedLaw:
-    """The law of Eqs. 22-25 as they stand: a secant stiffness that depends on the applied force.
-
-    Attributes
-    ----------
-    label, name : str
-    stiffness : float
-        K in N/m.
-    linear_limit : float
-        d0 in m.
-    level : callable
-        The softening, without unit, as a function of the magnitude of the force in N.
-    limit : float
-        Force in N at which the secant stiffness is zero; inf where there is none.
-    """
+    """The law of Eqs. 22-25 as they stand: a secant stiffness that depends on the applied force."""
 
     label: str
     name: str
-    stiffness: float
-    linear_limit: float
-    level: Callable[[float], float]
-    limit: float
+    stiffness: float  #: K in N/m.
+    linear_limit: float  #: d0 in m.
+    level: Callable[[float], float]  #: The softening, without unit, as a function of the magnitude of the force in N.
+    limit: float  #: Force in N at which the secant stiffness is zero; inf where there is none.
 
     @property
     def group(self) -> type[LawGroup]:
@@ -68,10 +53,7 @@ class PrintedLaw:
         While the force is constant, the sign of its rate is the last one before. The
         supremum in Eq. 25 is taken over the path since the unloaded state.
 
-        Raises
-        ------
-        LimitLoadError
-            Where the secant stiffness is not positive.
+        Raises `LimitLoadError` where the secant stiffness is not positive.
         """
         elongation = np.empty(forces.size)
         before, rising, top, force_at_top = 0.0, True, 0.0, 0.0
@@ -104,10 +86,7 @@ class PrintedLaw:
 class PrintedLaws(ListedLaws):
     """The one law of this kind in a system of one degree of freedom.
 
-    Attributes
-    ----------
-    rows : csr_matrix, shape (1, 1)
-    laws : tuple of PrintedLaw
+    `rows` has shape (1, 1).
     """
 
     place: ClassVar[int] = 2

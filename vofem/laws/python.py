@@ -46,12 +46,8 @@ class Callbacks:
     The object must live as long as its addresses are in use. An exception is stored, the law returns NaN, and
     `complain` raises the stored exception afterwards.
 
-    Attributes
-    ----------
-    calls : int
-        Number of evaluations so far.
-    failure, culprit
-        The first exception; label, coordinate (m) and value of the first answer that was not finite.
+    `calls`: number of evaluations so far.
+    `failure`, `culprit`: the first exception; label, coordinate (m) and value of the first answer that was not finite.
     """
 
     def __init__(self, laws: Sequence[Law]) -> None:
@@ -71,10 +67,7 @@ class Callbacks:
     def complain(self, dt: float) -> None:
         """Raise the exception that a law has raised, or an error if it returned a number that is not finite.
 
-        Raises
-        ------
-        InstabilityError
-            For a force or potential that is not finite.
+        Raises `InstabilityError` for a force or potential that is not finite.
         """
         if self.failure is not None:
             raise self.failure

@@ -14,12 +14,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.kernels.jit import jit
 from vofem.laws.law import DAMPING, FORCE, JUMP, KINK, MEAN, STORED, TANGENT
-
-Array = NDArray[np.float64]
 
 #: Argument of the resolved switch, in units of 1/s0, from which on it is 1 to rounding; nodes of its table per unit.
 _END = 40

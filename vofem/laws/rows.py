@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array, IntArray
 from vofem.kernels.jit import jit
 from vofem.laws.group import LawGroup
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 class Rows(NamedTuple):

@@ -14,12 +14,9 @@ from functools import cached_property
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem.laws.group import LawGroup, ListedLaws
 from vofem.laws.law import FORCE, KINK, MEAN, STORED, TANGENT, Function, Law
-
-Array = NDArray[np.float64]
 
 _GAUSS = np.sqrt(0.6)
 
@@ -31,12 +28,8 @@ _LONG = 1e-3
 class ScalarLaw(Protocol):
     """The methods that a law written in Python must have. Its coordinate is u in m.
 
-    Attributes
-    ----------
-    name, label : str
-        The name, and the name with the class of its effect in front for messages.
-    monotone : bool
-        Whether the force never falls as u rises. An equilibrium is then unique.
+    `name`, `label`: the name, and the name with the class of its effect in front for messages.
+    `monotone`: whether the force never falls as u rises. An equilibrium is then unique.
     """
 
     @property
@@ -67,16 +60,10 @@ class ScalarLaw(Protocol):
 
 @dataclass(frozen=True)
 class SmoothLaw:
-    """A smooth scalar law ``R = dV/du`` on a row; the force on the structure is ``-b R``.
-
-    Attributes
-    ----------
-    name : str
-    potential, force : callable
-        V in J and R in N of the elongation u in m.
-    """
+    """A smooth scalar law ``R = dV/du`` on a row; the force on the structure is ``-b R``."""
 
     name: str
+    #: `potential`, `force`: V in J and R in N of the elongation u in m.
     potential: Callable[[float], float]
     force: Callable[[float], float]
 
@@ -149,10 +136,7 @@ def _function(law: ScalarLaw) -> Function:
 class SmoothLaws(ListedLaws):
     """Laws written in Python, one per row.
 
-    Attributes
-    ----------
-    rows : csr_matrix, shape (n_laws, n)
-    laws : tuple of ScalarLaw
+    `rows` has shape (n_laws, n).
     """
 
     place: ClassVar[int] = 1

@@ -6,11 +6,9 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
-
-Array = NDArray[np.float64]
 
 #: Elongation, divided by the linear limit, up to which a backbone is tabulated. Beyond it the backbone is straight.
 _RANGE = 1e4
@@ -38,10 +36,7 @@ def checked_level(label: str, level: Callable[[float], float], force: float) -> 
 def limit_load(label: str, level: Callable[[float], float], onset: float) -> float:
     """Return the force at which the softening reaches 1, or inf if it never does.
 
-    Raises
-    ------
-    ArgumentError
-        If the softening does not begin at 0, decreases, or is not finite.
+    Raises `ArgumentError` if the softening does not begin at 0, decreases, or is not finite.
     """
     begin = checked_level(label, level, onset)
     if abs(begin) > 1e-9:

@@ -19,14 +19,11 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array, Complex
 from vofem.errors import ArgumentError, MissingCallableError, VofemError
 from vofem.laws.group import LawGroup, ListedLaws, StepPast
 from vofem.laws.law import Law, affine
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
@@ -48,21 +45,12 @@ class SpringpotLaw:
     D is Caputo's derivative from t = 0: the system is taken to have been at rest
     before, in its initial place. An order that varies is applied to the whole
     past with its value at the present time.
-
-    Attributes
-    ----------
-    label : str
-        Class and name, for messages.
-    name : str
-    coefficient : float
-        Coefficient of the law, N s^order/m.
-    order : float or callable
-        Order in [0, 1]. A callable takes times in s, shape (n,), and returns orders.
     """
 
-    label: str
+    label: str  #: Class and name, for messages.
     name: str
-    coefficient: float
+    coefficient: float  #: Coefficient of the law, N s^order/m.
+    #: Order in [0, 1]. A callable takes times in s, shape (n,), and returns orders.
     order: float | Callable[[Array], Any]
 
     @property
@@ -78,10 +66,7 @@ class SpringpotLaw:
     def orders(self, t: Array) -> Array:
         """Return the orders at times in s, shape (n,).
 
-        Raises
-        ------
-        ArgumentError
-            If a callable raises, or returns anything but numbers from 0 to 1.
+        Raises `ArgumentError` if a callable raises, or returns anything but numbers from 0 to 1.
         """
         from vofem.fractional.laws import orders_at
 
@@ -104,10 +89,7 @@ class SpringpotLaw:
 class SpringpotLaws(ListedLaws):
     """Springpots, one per row.
 
-    Attributes
-    ----------
-    rows : csr_matrix, shape (n_laws, n)
-    laws : tuple of SpringpotLaw
+    `rows` has shape (n_laws, n).
     """
 
     place: ClassVar[int] = 3

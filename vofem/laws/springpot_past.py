@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.fractional.exponentials import exponentials
 from vofem.fractional.streaming import step_integrals
 from vofem.laws.springpot_steps import Springpots, Update, affine
-
-Array = NDArray[np.float64]
 
 #: Relative error of the kernel, at all times of a run.
 _TOLERANCE = 1e-10
@@ -27,19 +25,10 @@ _MOST_STEPS = 512
 class SpringpotPast:
     """The past of springpots in a run whose steps are not below a size; see `group.StepPast`.
 
-    Parameters
-    ----------
-    laws : sequence of SpringpotLaw
-    rows : csr_matrix, shape (n_laws, n)
-    row : int
-        Number of the first of these laws among all laws.
-    shortest, t_end : float
-        Shortest step, and the longest time that will be reached, in s.
-
-    Raises
-    ------
-    ArgumentError
-        If the order lies outside [0, 1] at one of the times at which it is checked.
+    `rows` has shape (n_laws, n).
+    `row`: number of the first of these laws among all laws.
+    `shortest`, `t_end`: shortest step, and the longest time that will be reached, in s.
+    Raises `ArgumentError` if the order lies outside [0, 1] at one of the times at which it is checked.
     """
 
     def __init__(self, laws: Sequence[Any], rows: Any, row: int, shortest: float, t_end: float) -> None:

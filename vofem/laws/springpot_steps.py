@@ -7,13 +7,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from vofem.arrays import Array
 from vofem.kernels.jit import jit
 from vofem.laws.law import FIRST, Laws, Way
-
-Array = NDArray[np.float64]
 
 
 class Update(NamedTuple):
@@ -30,24 +26,14 @@ class Update(NamedTuple):
 
 
 class Springpots(NamedTuple):
-    """Springpots over some steps of one size.
+    """Springpots over some steps of one size."""
 
-    Attributes
-    ----------
-    row : int
-        Number of the first one among all laws.
-    weight : ndarray, shape (n, n_steps, k)
-        Weights with which y gives the forces, at the orders of the steps. If no order varies, there is one entry for
-        all steps.
-    update : Update
-    y : ndarray, shape (n, k)
-        Internal variables. The last one is the rate of elongation over the last step, m/s.
-    """
-
-    row: int
+    row: int  #: Number of the first one among all laws.
+    #: Weights with which y gives the forces, at the orders of the steps. If no order varies, there is one entry for all
+    #: steps. Shape (n, n_steps, k).
     weight: Array
     update: Update
-    y: Array
+    y: Array  #: Internal variables. The last one is the rate of elongation over the last step, m/s. Shape (n, k).
 
 
 @jit
@@ -72,10 +58,8 @@ def begin_springpots(
     already: its coordinates are u1, and its rates r1 without the acceleration that is to be found. Other steps that do
     not act by means extrapolate the force to the time of balance, like that of dampers.
 
-    Parameters
-    ----------
-    known : ndarray, shape (n_steps + 1, n, 2)
-        Mean forces over steps, N, and energies stored at their ends, J; those of step s are in row ``s + 1``.
+    `known` (shape (n_steps + 1, n, 2)): mean forces over steps, N, and energies stored at their ends, J; those of step
+    s are in row ``s + 1``.
     """
     for i in range(pots.y.shape[0]):
         j = pots.row + i

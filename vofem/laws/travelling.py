@@ -19,32 +19,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TravellingLaw:
-    """A spring and a dashpot, or a tie, in a coordinate that travels.
-
-    Attributes
-    ----------
-    label, name : str
-    stiffness, damping : float
-        In N/m and N s/m.
-    tied : bool
-        Whether the coordinate is held at zero, exactly.
-    moving : tuple of (TimeFunction, float)
-    track : (TravellingPoint, float), optional
-        The point, and its sign in the coordinate.
-    rider : Rider, optional
-        The same over the unknowns, see `Moving`.
-    """
+    """A spring and a dashpot, or a tie, in a coordinate that travels."""
 
     group: ClassVar[type[Any]]
 
     label: str
     name: str
+    #: `stiffness`, `damping`: in N/m and N s/m.
     stiffness: float = 0.0
     damping: float = 0.0
-    tied: bool = False
+    tied: bool = False  #: Whether the coordinate is held at zero, exactly.
     moving: tuple[tuple[Any, float], ...] = ()
-    track: Any = None
-    rider: Any = None
+    track: Any = None  #: The point, and its sign in the coordinate.
+    rider: Any = None  #: The same over the unknowns, see `Moving`.
 
 
 @dataclass(frozen=True)

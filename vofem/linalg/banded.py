@@ -10,13 +10,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array, IntArray
 from vofem.errors import SingularSystemError
 from vofem.kernels.jit import jit, plain_form
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def band_order(*matrices: Any) -> IntArray:
@@ -65,10 +62,7 @@ def widen(band: Array, width: int) -> Array:
 def factor(band: Array, what: str) -> Array:
     """Return L (unit, below) and D (row 0) of ``A = L D L'`` in band storage.
 
-    Raises
-    ------
-    SingularSystemError
-        If a pivot is not positive; `what` names the matrix.
+    Raises `SingularSystemError` if a pivot is not positive; `what` names the matrix.
     """
     result = band.copy()
     bad = factor_in_place(result)

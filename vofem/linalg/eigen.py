@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import SingularSystemError
 from vofem.linalg.null_space import null_space
-
-Array = NDArray[np.float64]
 
 #: Deviation of modes from M-orthonormality above which it is corrected.
 _ORTHOGONAL = 1e-9
@@ -41,28 +40,13 @@ def modal_basis(mass: Any, stiffness: Any, scale: Array, rigid: Array, strain: A
     is given as a sum of squares too, the modes are refined by means of their strains, and frequencies are Rayleigh
     quotients of strains. Static responses in all modes are then right to 1e-13 on a beam of 500 elements.
 
-    Parameters
-    ----------
-    mass, stiffness : sparse matrix, shape (n, n)
-        M positive definite; K positive definite but for the rigid motions.
-    scale : ndarray, shape (n,)
-        Length that makes a degree of freedom a displacement.
-    rigid : ndarray, shape (n, r)
-        A basis of the null space of K.
-    strain : sparse matrix, shape (n_strains, n), optional
-        D with ``K = D'D``.
-
-    Returns
-    -------
-    omega_squared : ndarray, shape (n,)
-        Exactly 0 for rigid motions.
-    shapes : ndarray, shape (n, n)
-        Columns.
-
-    Raises
-    ------
-    SingularSystemError
-        If K is indefinite.
+    `mass`, `stiffness` (shape (n, n)): M positive definite; K positive definite but for the rigid motions.
+    `scale` (shape (n,)): length that makes a degree of freedom a displacement.
+    `rigid` (shape (n, r)): a basis of the null space of K.
+    `strain` (shape (n_strains, n)): D with ``K = D'D``.
+    Returns `omega_squared` (shape (n,)): exactly 0 for rigid motions.
+    Returns `shapes` (shape (n, n)): columns.
+    Raises `SingularSystemError` if K is indefinite.
     """
     from scipy.sparse.csgraph import connected_components
 
@@ -105,20 +89,11 @@ def modes_of_strains(squares: Array, rows: Array, springs: Array) -> tuple[Array
     The digits of low modes are in the strains ``sqrt(squares) x`` and ``sqrt(springs) rows x``. The sum of both
     matrices has lost them beside stiff springs.
 
-    Parameters
-    ----------
-    squares : ndarray, shape (n,)
-        Not negative; 0 for rigid motions, of which those that no row touches stay rigid.
-    rows : ndarray, shape (k, n)
-    springs : ndarray, shape (k,)
-        Positive.
-
-    Returns
-    -------
-    values : ndarray, shape (n,)
-        Ascending.
-    vectors : ndarray, shape (n, n)
-        Orthonormal columns.
+    `squares` (shape (n,)): not negative; 0 for rigid motions, of which those that no row touches stay rigid.
+    `rows` has shape (k, n).
+    `springs` (shape (k,)): positive.
+    Returns `values` (shape (n,)): ascending.
+    Returns `vectors` (shape (n, n)): orthonormal columns.
     """
 
     def solve(part: NDArray[np.int64], mine: NDArray[np.int64]) -> tuple[Array, Array]:
@@ -132,11 +107,8 @@ def modes_of_strains(squares: Array, rows: Array, springs: Array) -> tuple[Array
 def modes_held(squares: Array, rows: Array) -> tuple[Array, Array]:
     """Return all eigenpairs (m,), (n, m) of ``diag(squares)`` restricted to ``rows x = 0``, values ascending.
 
-    Parameters
-    ----------
-    squares : ndarray, shape (n,)
-    rows : ndarray, shape (n - m, n)
-        Independent.
+    `squares` has shape (n,).
+    `rows` (shape (n - m, n)): independent.
     """
 
     def solve(part: NDArray[np.int64], mine: NDArray[np.int64]) -> tuple[Array, Array]:

@@ -7,13 +7,9 @@ its two roots and b. In this form resonance, repeated roots and rigid-body motio
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.kernels.jit import jit, plain_form
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
 
 #: pi/2 in three parts, of which the first two have 33 bits, and its inverse. Products with whole numbers below 2^20 are
 #: exact.

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from vofem.arrays import Array
 
 #: An entry below this fraction of the largest term of its sum counts as rounding.
 _ROUNDING = 1e-12
@@ -22,11 +21,8 @@ def null_space(matrix: Array, magnitude: Array) -> Array:
     All entries of the matrix may be rounding, which the matrix itself does not
     show. Each entry is therefore compared with the size of the terms of its sum.
 
-    Parameters
-    ----------
-    matrix : ndarray, shape (rows, columns)
-    magnitude : ndarray, shape (rows, columns)
-        The same sums over magnitudes.
+    `matrix` has shape (rows, columns).
+    `magnitude` (shape (rows, columns)): the same sums over magnitudes.
     """
     columns = matrix.shape[1]
     if not matrix.shape[0] or not columns:
@@ -56,10 +52,7 @@ def sparse_null_space(matrix: Any, magnitude: Any) -> Array:
     one by one: a row of one entry makes an unknown zero, a row of two entries makes
     one unknown a multiple of the other. The remaining system is small.
 
-    Parameters
-    ----------
-    matrix, magnitude : csr_matrix, shape (rows, columns)
-        See `null_space`.
+    `matrix`, `magnitude` (shape (rows, columns)): see `null_space`.
     """
     columns = matrix.shape[1]
     if columns <= _FEW_COLUMNS:

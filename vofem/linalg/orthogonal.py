@@ -18,12 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array, IntArray
 from vofem.errors import SingularSystemError
 from vofem.kernels.jit import jit
 from vofem.linalg.banded import band_order
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 #: Largest number of entries of a band; they take 1 GiB.
@@ -36,11 +35,8 @@ def elimination_orders(strain: Any, rotational: BoolArray) -> tuple[IntArray, In
     At every node the displacement comes before the slope. The opposite order
     has a thousand times the rounding error on long meshes.
 
-    Parameters
-    ----------
-    strain : sparse matrix, shape (n_strains, n)
-    rotational : ndarray of bool, shape (n,)
-        False for displacements, true for slopes, which follow the displacement of their node.
+    `strain` has shape (n_strains, n).
+    `rotational` (shape (n,)): False for displacements, true for slopes, which follow the displacement of their node.
     """
     pattern = abs(strain)
     order = band_order(pattern.T @ pattern)
@@ -58,17 +54,9 @@ def _displacements_first(order: IntArray, rotational: BoolArray) -> IntArray:
 class OrthogonalFactor:
     """``R'R = D'D`` by plane rotations, R in a band.
 
-    Parameters
-    ----------
-    strain : sparse matrix, shape (n_strains, n)
-        D, of full column rank.
-    order : ndarray of int, shape (n,)
-        The order in which the unknowns are eliminated; see `elimination_orders`.
-
-    Raises
-    ------
-    SingularSystemError
-        If D lacks rank, or its band would not fit into memory.
+    `strain` (shape (n_strains, n)): D, of full column rank.
+    `order` (shape (n,)): the order in which the unknowns are eliminated; see `elimination_orders`.
+    Raises `SingularSystemError` if D lacks rank, or its band would not fit into memory.
     """
 
     def __init__(self, strain: Any, order: IntArray) -> None:

@@ -12,7 +12,6 @@ from vofem.kernels.jit import borrowed, jit, plain_form
 from vofem.linalg.exponential import half_turns
 
 Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Rows of the array that describes oscillators ``z'' + 2 delta z' + p z = 0``: delta in 1/s, p in 1/s^2, the frequency
 #: without damping and the one of the damped motion in rad/s (0 where it does not oscillate), the decay rate (of the
@@ -43,13 +42,14 @@ def oscillators(delta: Array, p: Array) -> Array:
 
 
 @jit
-def decays(rate: Array, t: float, out: Array, bits: Integers) -> None:
+def decays(rate: Array, t: float, out: Array, power: Array) -> None:
     """Compute ``exp(-rate t) - 1`` for many rates that are not negative, accurately also for very short t.
 
-    The exponent is reduced to half of log 2, where the Taylor series of degree 13 is exact to rounding. `bits` is work
-    space.
+    The exponent is reduced to half of log 2, where the Taylor series of degree 13 is exact to rounding. `power` is work
+    space: powers of 2, which are set by their bits.
     """
     first, second = _LOG2
+    bits = power.view(np.int64)
     for k in range(rate.size):
         x = max(-rate[k] * t, _LEAST)
         n = np.rint(x * _LOG2S)
@@ -67,18 +67,17 @@ def decays(rate: Array, t: float, out: Array, bits: Integers) -> None:
         e = 0.16666666666666666 + r * e
         e = 0.5 + r * e
         out[k] = r + r * r * e
-    power = bits.view(np.float64)
     for k in range(rate.size):
         out[k] = power[k] * out[k] + (power[k] - 1.0)
 
 
 @plain_form(decays)
-def _decays_of_all(rate: Array, t: float, out: Array, bits: Integers) -> None:
+def _decays_of_all(rate: Array, t: float, out: Array, power: Array) -> None:
     out[:] = np.expm1(-rate * t)
 
 
 @jit
-def oscillators_at(of: Array, t: float, out: Array, work: Array, bits: Integers) -> None:
+def oscillators_at(of: Array, t: float, out: Array, work: Array) -> None:
     """Compute ``c - 1`` and ``s`` of `exponential.oscillator` at time t.
 
     Parameters
@@ -87,12 +86,12 @@ def oscillators_at(of: Array, t: float, out: Array, work: Array, bits: Integers)
         See `oscillators`.
     out : ndarray, shape (2, n)
         Filled.
-    work, bits : ndarray, shapes (4, n) and (n,)
+    work : ndarray, shape (5, n)
         Work space.
     """
-    of, out, work, bits = borrowed((of, out, work, bits))
+    of, out, work = borrowed((of, out, work))
     c, s, divisor, critical = out[0], out[1], of[DIVISOR], of[CRITICAL]
-    turn, sine, slower, faster = work[0], work[1], work[2], work[3]
+    turn, sine, slower, faster, power = work[0], work[1], work[2], work[3], work[4]
     half_turns(of[ROOT], t, turn, sine)
     damped = False
     for k in range(c.size):
@@ -104,8 +103,8 @@ def oscillators_at(of: Array, t: float, out: Array, work: Array, bits: Integers)
             c[k] = turn[k]
             s[k] = sine[k] / divisor[k] + t * critical[k]
         return
-    decays(of[DECAY], t, slower, bits)
-    decays(of[FAST], t, faster, bits)
+    decays(of[DECAY], t, slower, power)
+    decays(of[FAST], t, faster, power)
     for k in range(c.size):
         left = 1.0 + slower[k]
         c[k] = slower[k] + left * (turn[k] + 0.5 * faster[k])
@@ -113,7 +112,7 @@ def oscillators_at(of: Array, t: float, out: Array, work: Array, bits: Integers)
 
 
 @plain_form(oscillators_at)
-def oscillators_at_once(of: Array, t: float, out: Array, work: Array, bits: Integers) -> None:
+def oscillators_at_once(of: Array, t: float, out: Array, work: Array) -> None:
     """Do what `oscillators_at` does, for all oscillators at once."""
     c, s = out
     half = (0.5 * t) * of[ROOT]

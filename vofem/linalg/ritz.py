@@ -15,9 +15,8 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from vofem.arrays import Array
 
 #: Remainder of a vector, divided by its size, below which it counts as a combination of the earlier vectors.
 _DEPENDENT = 1e-10
@@ -26,17 +25,11 @@ _DEPENDENT = 1e-10
 class RitzBasis:
     """M-orthonormal vectors, rigid motions first. More vectors are computed on request.
 
-    Parameters
-    ----------
-    mass : sparse matrix, shape (n, n)
-    solve : callable
-        ``K^-1 f`` of a load that leaves rigid motions at rest, shape (n,) to (n,).
-    rigid : ndarray, shape (n, r)
-        A basis of the motions without stiffness.
-    loads : iterable of ndarray, shape (n,)
-        Loads whose static responses belong to the space.
-    states : iterable of ndarray, shape (n,)
-        Displacements or velocities that belong to the space.
+    `mass` has shape (n, n).
+    `solve`: ``K^-1 f`` of a load that leaves rigid motions at rest, shape (n,) to (n,).
+    `rigid` (shape (n, r)): a basis of the motions without stiffness.
+    `loads` (shape (n,)): loads whose static responses belong to the space.
+    `states` (shape (n,)): displacements or velocities that belong to the space.
     """
 
     def __init__(

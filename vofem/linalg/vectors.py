@@ -62,26 +62,27 @@ def _inner(one: Array, two: Array) -> float:
 
 @jit
 def multiply(matrix: Array, vector: Array, out: Array) -> None:
-    """Write ``matrix @ vector``; columns beyond the length of the vector do not count."""
+    """Write ``matrix @ vector``; columns beyond the length of the vector do not count, and missing ones are zero."""
     for i in range(out.size):
         out[i] = inner(matrix[i, : vector.size], vector)
 
 
 @plain_form(multiply)
 def _multiply(matrix: Array, vector: Array, out: Array) -> None:
-    out[:] = matrix[: out.size, : vector.size] @ vector
+    out[:] = matrix[: out.size, : vector.size] @ vector[: matrix.shape[1]]
 
 
 @jit
 def multiply_transposed(matrix: Array, vector: Array, out: Array) -> None:
-    """Write ``matrix.T @ vector``, row by row of the matrix as it lies in memory."""
+    """Write ``matrix.T @ vector``, row by row of the matrix as it lies in memory; missing columns are zero."""
     fill(out, 0.0)
     for i in range(vector.size):
         factor, row = vector[i], matrix[i]
-        for k in range(out.size):
+        for k in range(min(out.size, row.size)):
             out[k] += factor * row[k]
 
 
 @plain_form(multiply_transposed)
 def _multiply_transposed(matrix: Array, vector: Array, out: Array) -> None:
-    out[:] = vector @ matrix[: vector.size, : out.size]
+    out[:] = 0.0
+    out[: matrix.shape[1]] = vector @ matrix[: vector.size, : out.size]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,8 @@ class Kind:
     choices = ""
     #: Whether scene files can hold it.
     writable = True
+    #: The JSON schema of its TOML values, where it is the same for all of a kind.
+    schema: ClassVar[Mapping[str, Any]] = {}
 
     @property
     def meaning(self) -> str:
@@ -59,8 +62,8 @@ class Kind:
         return value
 
     def described(self) -> dict[str, Any]:
-        """Return the JSON schema of its TOML values."""
-        return {"description": self.meaning} if self.meaning else {}
+        """Return the JSON schema of its TOML values, with its meaning."""
+        return {**self.schema, "description": self.meaning} if self.meaning else dict(self.schema)
 
 
 @dataclass(frozen=True)
@@ -131,6 +134,7 @@ class Count(Kind):
 
     shown = "int"
     expected = "a whole number, 1 or more"
+    schema: ClassVar = {"type": "integer", "minimum": 1}
 
     def check(self, what: str, value: Any) -> int:
         """Return an int."""
@@ -139,10 +143,6 @@ class Count(Kind):
     def write(self, value: Any, book: Book) -> int:
         """Return a plain int."""
         return int(value)
-
-    def described(self) -> dict[str, Any]:
-        """Return a whole number."""
-        return {"type": "integer", "minimum": 1, **super().described()}
 
 
 @dataclass(frozen=True)
@@ -153,6 +153,7 @@ class Flag(Kind):
 
     shown = "bool"
     expected = "true or false"
+    schema: ClassVar = {"type": "boolean"}
 
     def check(self, what: str, value: Any) -> bool:
         """Return a bool."""
@@ -163,10 +164,6 @@ class Flag(Kind):
     def read(self, value: Any, place: Place) -> bool | Invalid:
         """Return a bool; its names in TOML are small."""
         return value if isinstance(value, bool) else place.expected(self.expected, value)
-
-    def described(self) -> dict[str, Any]:
-        """Return a boolean."""
-        return {"type": "boolean", **super().described()}
 
 
 @dataclass(frozen=True)
@@ -211,6 +208,7 @@ class Name(Kind):
 
     shown = "str"
     expected = "a name, a string that is not empty"
+    schema: ClassVar = {"type": "string", "minLength": 1}
 
     def read(self, value: Any, place: Place) -> str | Invalid:
         """Return the string."""
@@ -223,10 +221,6 @@ class Name(Kind):
         except UnicodeEncodeError:
             raise Unwritable(f"{value!r} has characters that are not valid Unicode; rename it") from None
         return str(value)
-
-    def described(self) -> dict[str, Any]:
-        """Return a string."""
-        return {"type": "string", "minLength": 1, **super().described()}
 
 
 @dataclass(frozen=True)

@@ -11,16 +11,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array, Complex
 from vofem.sensitivities.flow import Block, Closed, divided, divided_far, ramped
 from vofem.sensitivities.forcing import Forcing, derivative_waves
 from vofem.sensitivities.forward import Forward
+from vofem.sensitivities.impacts import Impact
 from vofem.sensitivities.modal import ModalChange
 from vofem.system import OPEN, PINNED
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: As for forward derivatives.
 _NEAR = 1.0
@@ -28,22 +26,12 @@ _NEAR = 1.0
 
 @dataclass
 class Linear:
-    """The derivative of an objective as a linear form of the derivatives of the run.
+    """The derivative of an objective as a linear form of the derivatives of the run."""
 
-    Attributes
-    ----------
-    weights : dict of int to list of (float, ndarray)
-        For segments: times after the start, and what the derivative of the scaled state there counts for, (2n,).
-    events : ndarray, shape (n_events,)
-        What the derivatives of the times of events count for.
-    explicit : ndarray, shape (p,)
-        Derivatives by the parameters at a fixed motion.
-    value : float
-    """
-
-    events: Array
-    explicit: Array
+    events: Array  #: What the derivatives of the times of events count for, shape (n_events,).
+    explicit: Array  #: Derivatives by the parameters at a fixed motion, shape (p,).
     value: float = 0.0
+    #: For segments: times after the start, and what the derivative of the scaled state there counts for, (2n,).
     weights: dict[int, list[tuple[float, Array]]] = field(default_factory=dict)
 
     def add(self, index: int, tau: float, weight: Array) -> None:
@@ -64,11 +52,7 @@ class _Sums:
 class Backward:
     """One pass backward through a run.
 
-    Parameters
-    ----------
-    forward : Forward
-        The run, without derivatives.
-    linear : Linear
+    `forward`: the run, without derivatives.
     """
 
     def __init__(self, forward: Forward, linear: Linear) -> None:
@@ -103,6 +87,9 @@ class Backward:
         assert laws is not None
         z, v = forward._split(passage.state)
         after = passage.after
+        struck = forward.impact(after, passage.numbers, passage.state)
+        if struck is not None:
+            return self._hit(index, struck, weight)
         held = np.flatnonzero(after == PINNED)
         if np.any(passage.before[held] != PINNED):
             rows = modal.contacts[held]
@@ -130,6 +117,22 @@ class Backward:
             before[:n] += share * row / modal.scale
             self._gradient += share * forward.gap_changes(j, z)
         return before
+
+    def _hit(self, index: int, struck: Impact, weight: Array) -> Array:
+        """Return the weight of the state before an impact on a rigid stop at the end of a segment."""
+        forward, modal = self._forward, self._forward.modal
+        n, passage = modal.size, forward.passages[index]
+        z, v = forward._split(passage.state)
+        later = struck.passed(v)
+        before, beyond = forward.rates(index, passage.after, passage.state, later)
+        by_z, by_v = weight[:n] * modal.scale, weight[n:]
+        counted = float(self._linear.events[passage.numbers.start : passage.numbers.stop].sum())
+        counted += float(by_z @ (v - later) + by_v @ (struck.passed(before) - beyond))
+        share = counted / float(struck.rows[0] @ v)
+        for k, change in enumerate(forward.changes):
+            self._gradient[k] += float(by_v @ struck.by(change)[0])
+        self._gradient -= share * forward.gap_changes(struck.contacts[0], z)
+        return np.concatenate([(by_z - share * struck.rows[0]) / modal.scale, struck.passed(by_v)])
 
     def _released(self, held: Any, weight: Array, z: Array, v: Array) -> Array:
         """Return the weight of a state before it is held at the gaps of pinned contacts."""

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import nearest
 from vofem.bodies.base import Body, Point, touching
@@ -18,11 +17,10 @@ from vofem.scene import Scene
 from vofem.time_functions import Constant, Ramp, Sine, TimeFunction, as_time_function
 from vofem.time_functions.base import Scaled
 
-Array = NDArray[np.float64]
-
 #: Fields in which matrices, rows, gaps and load vectors are linear.
 LINEAR = (
     "gap", "stiffness", "damping", "mass", "inertia", "EI", "rhoA", "tension", "alpha", "beta", "ratio", "g", "p",
+    "restitution",
 )  # fmt: skip
 INITIAL = ("initial.displacement", "initial.velocity")
 #: The place of an effect on a beam.

@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.histories import ContactHistory
 from vofem.sensitivities.flow import Block, Closed, divided_far, ramped
 from vofem.sensitivities.forcing import Forcing
 from vofem.sensitivities.forward import Forward
 from vofem.system import CLOSED, OPEN, PINNED
-
-Array = NDArray[np.float64]
 
 #: Newton steps for the time of a peak.
 _ROUNDS = 8
@@ -141,7 +139,8 @@ class ContactSensitivities:
     @one_thread
     def impacts(self) -> ImpactSensitivities:
         """Of the impacts one by one."""
-        forward, found = self._forward, self._history.impacts
+        forward, found, laws = self._forward, self._history.impacts, self._forward.modal.laws
+        assert laws is not None
         events = forward.events
         p, n = len(forward.changes), len(found)
         parts = np.zeros((5, n, p))
@@ -154,7 +153,15 @@ class ContactSensitivities:
             begin = forward.event_times[begins[i]] if begins[i] >= 0 else np.zeros(p)
             end = forward.event_times[ends[i]] if i < ends.size else np.zeros(p)
             parts[0, i], parts[1, i] = begin, end
-            if not found.why:
+            if laws.rigid[self._index]:
+                # The force of an impact has no bound.
+                parts[2:4, i] = np.nan
+                span = range(int(begins[i]), int(ends[i]) if i < ends.size else events.time.size)
+                parts[4, i] = self._impulse(float(found.closing[i]), float(found.opening[i]))
+                parts[4, i] += sum(
+                    forward.impulses[k] for k in span if k in forward.impulses and events.contact[k] == self._index
+                )
+            elif not found.why:
                 peak, time = self._peak(float(found.peak_time[i]), float(found.closing[i]), float(found.opening[i]))
                 parts[2, i], parts[3, i] = peak, time
                 parts[4, i] = self._impulse(float(found.closing[i]), float(found.opening[i]))
@@ -218,32 +225,17 @@ class ContactSensitivities:
 
 @dataclass(frozen=True)
 class Peak:
-    """Where the force of a contact is largest in an impact.
+    """Where the force of a contact is largest in an impact."""
 
-    Attributes
-    ----------
-    index : int
-        The segment.
-    tau : float
-        Time after its start, s.
-    law : Law
-    state : ndarray, shape (2n,)
-    slope, bend : float
-        First and second derivative of the force by time there.
-    interior : bool
-        Whether the force is stationary there; else it is largest at an event.
-    event : int, optional
-        This event.
-    """
-
-    index: int
-    tau: float
+    index: int  #: The segment.
+    tau: float  #: Time after its start, s.
     law: Law
-    state: Array
+    state: Array  #: Shape (2n,).
+    #: `slope`, `bend`: first and second derivative of the force by time there.
     slope: float
     bend: float
-    interior: bool
-    event: int | None
+    interior: bool  #: Whether the force is stationary there; else it is largest at an event.
+    event: int | None  #: This event.
 
 
 def peak_of(forward: Forward, j: int, time: float, begin: float, end: float) -> Peak:

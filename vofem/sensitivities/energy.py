@@ -5,13 +5,12 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
+from vofem.errors import MethodError
 from vofem.sensitivities.flow import Block, Closed
 from vofem.sensitivities.forward import Forward, Passage
 from vofem.system import CLOSED, OPEN
-
-Array = NDArray[np.float64]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 
@@ -22,8 +21,20 @@ _PHASE = 8.0
 _COUNTS = 1e-9
 
 
+def no_rigid_stops(what: str, forward: Forward) -> None:
+    """Raise where rigid stops take energy and impulses at once, whose derivatives are not known."""
+    laws = forward.modal.laws
+    if laws is not None and laws.rigid.any():
+        stop = laws.labels[int(np.argmax(laws.rigid))]
+        raise MethodError(
+            f"{what}: {stop} takes energy and momentum at once, of which {what} has no derivative; take those of the "
+            "motion and of contacts[...].impacts, or sum_of_squares and of_motion"
+        )
+
+
 def dissipated(forward: Forward, times: Array) -> Array:
     """Return the derivatives of the energy in J dissipated from 0 to some times, shape (n_times, p)."""
+    no_rigid_stops("energy.dissipated", forward)
     modal, p = forward.modal, len(forward.changes)
     out = np.zeros((times.size, p))
     laws = modal.laws

@@ -15,10 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array, Complex
 from vofem.sensitivities.forcing import Forcing
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: Distance of two eigenvalues times the duration, below which their divided difference is computed as one function.
 _NEAR = 1.0
@@ -38,47 +36,25 @@ _NUMBERS = 2_000_000
 
 
 class Segment(NamedTuple):
-    """What a segment begins with.
+    """What a segment begins with."""
 
-    Attributes
-    ----------
-    start : ndarray, shape (2n,)
-    starts : ndarray, shape (2n, p)
-        Derivatives of `start`.
-    force : Forcing
-        Of loads and contacts, projected: rows of length n.
-    forces : list of Forcing or None
-        Its derivatives, one for each parameter.
-    duration : float
-    end : ndarray, shape (2n,)
-        The state of the run at the end.
-    """
-
-    start: Array
-    starts: Array
-    force: Forcing
-    forces: list[Forcing | None]
+    start: Array  #: Shape (2n,).
+    starts: Array  #: Derivatives of `start`, shape (2n, p).
+    force: Forcing  #: Of loads and contacts, projected: rows of length n.
+    forces: list[Forcing | None]  #: Its derivatives, one for each parameter.
     duration: float
-    end: Array
+    end: Array  #: The state of the run at the end, shape (2n,).
 
 
 class Basis(NamedTuple):
-    """An eigenbasis of a status and the derivatives of A in it.
+    """An eigenbasis of a status and the derivatives of A in it."""
 
-    Attributes
-    ----------
-    values : ndarray of complex, shape (N,)
-    vectors, inverse : ndarray of complex, shape (N, N)
-    changes : ndarray of complex, shape (q, N, N)
-    owners : ndarray of int, shape (q,)
-        The parameters to which the changes belong; others do not change A.
-    """
-
-    values: Complex
+    values: Complex  #: Shape (N,).
+    #: `vectors`, `inverse`: shape (N, N).
     vectors: Complex
     inverse: Complex
-    changes: Complex
-    owners: NDArray[np.int64]
+    changes: Complex  #: Shape (q, N, N).
+    owners: NDArray[np.int64]  #: The parameters to which the changes belong; others do not change A. Shape (q,).
 
 
 def basis_of(matrix: Array, changes: list[Array | None]) -> Basis | None:
@@ -127,13 +103,7 @@ def ramped(a: Complex, b: Complex, t: Array | float) -> Complex:
 
 
 class Closed:
-    """A segment in the eigenbasis of its status.
-
-    Parameters
-    ----------
-    basis : Basis
-    segment : Segment
-    """
+    """A segment in the eigenbasis of its status."""
 
     def __init__(self, basis: Basis, segment: Segment) -> None:
         self.basis, self.segment = basis, segment
@@ -295,12 +265,8 @@ class Closed:
 class Block:
     """A segment by exponentials of block matrices, for statuses without a good eigenbasis.
 
-    Parameters
-    ----------
-    matrix : ndarray, shape (N, N)
-    changes : list of ndarray or None
-        Derivatives of the matrix, one for each parameter.
-    segment : Segment
+    `matrix` has shape (N, N).
+    `changes`: derivatives of the matrix, one for each parameter.
     """
 
     good = True

@@ -5,28 +5,18 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array, Complex
 from vofem.parameters import changed
 from vofem.time_functions import Constant, Piece, Ramp, Shifted, Sine
 from vofem.time_functions.base import Scaled, Sum
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
 
 class Forcing(NamedTuple):
-    """A function of time in closed form, ``Re sum_k (c0 + c1 tau) exp(i w tau)``: a number or a vector.
+    """A function of time in closed form, ``Re sum_k (c0 + c1 tau) exp(i w tau)``: a number or a vector."""
 
-    Attributes
-    ----------
-    omega : ndarray, shape (k,)
-        In rad/s; 0 for a straight line.
-    level, growth : ndarray of complex, shape (k,) or (k, n)
-        Factors c0 and c1 of each wave.
-    """
-
-    omega: Array
+    omega: Array  #: In rad/s; 0 for a straight line. Shape (k,).
+    #: `level`, `growth`: factors c0 and c1 of each wave, shape (k,) or (k, n).
     level: Complex
     growth: Complex
 

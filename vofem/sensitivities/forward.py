@@ -13,35 +13,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.sensitivities.flow import Basis, Block, Closed, Segment, basis_of
 from vofem.sensitivities.forcing import Forcing, derivative_waves, forcing_of, waves_of
+from vofem.sensitivities.impacts import Impact
 from vofem.sensitivities.modal import ModalChange, ModalSystem, StatusEquation
 from vofem.system import CLOSED, OPEN, PINNED, Events
 
-Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 
 @dataclass
 class Work:
-    """Counts of the work of derivatives.
+    """Counts of the work of derivatives."""
 
-    Attributes
-    ----------
-    assemblies : int
-        Scenes that were assembled again.
-    eigensolves : int
-        Eigenbases of statuses.
-    segments : int
-        Segments in closed form.
-    exponentials : int
-        Segments by exponentials of block matrices, which take longer.
-    """
-
-    assemblies: int = 0
-    eigensolves: int = 0
-    segments: int = 0
-    exponentials: int = 0
+    assemblies: int = 0  #: Scenes that were assembled again.
+    eigensolves: int = 0  #: Eigenbases of statuses.
+    segments: int = 0  #: Segments in closed form.
+    exponentials: int = 0  #: Segments by exponentials of block matrices, which take longer.
 
 
 class StatusFlow:
@@ -66,14 +55,9 @@ class StatusFlow:
     def force_change(self, k: int, waves: list[Any], vectors: list[Array], whole: Forcing) -> Forcing | None:
         """Return the derivative of `force` by a parameter, None where there is none.
 
-        Parameters
-        ----------
-        k : int
-            Number of the parameter.
-        waves, vectors : list
-            Functions of time and vectors whose sum is the derivative of the loads.
-        whole : Forcing
-            The force before projection.
+        `k`: number of the parameter.
+        `waves`, `vectors`: functions of time and vectors whose sum is the derivative of the loads.
+        `whole`: the force before projection.
         """
         if not waves and not np.any(self.pushes[k]) and self.inverses[k] is None:
             return None
@@ -84,67 +68,35 @@ class StatusFlow:
 
 @dataclass
 class Crossing:
-    """What the derivatives of the time of an event are made of, for notes.
-
-    Attributes
-    ----------
-    time : float
-    contact : int
-    rate : float
-        Rate of the gap function, m/s.
-    jump : float
-        Size of the jump of velocities per second by which the event comes later.
-    """
+    """What the derivatives of the time of an event are made of, for notes."""
 
     time: float
     contact: int
-    rate: float
-    jump: float
+    rate: float  #: Rate of the gap function, m/s.
+    jump: float  #: Size of the jump of velocities per second by which the event comes later.
 
 
 @dataclass
 class Passage:
-    """The events between two segments, for the derivatives of what follows from them.
+    """The events between two segments, for the derivatives of what follows from them."""
 
-    Attributes
-    ----------
-    numbers : range
-        The events in the log.
-    before, after : ndarray of int, shape (n_contacts,)
-        Status before and after.
-    state : ndarray, shape (2n,)
-        Scaled state before.
-    ends : ndarray, shape (2n, p)
-        Derivatives of the scaled state before, at a fixed time.
-    """
-
-    numbers: range
+    numbers: range  #: The events in the log.
+    #: `before`, `after`: status before and after, shape (n_contacts,).
     before: Status
     after: Status
-    state: Array
-    ends: Array
+    state: Array  #: Scaled state before, shape (2n,).
+    ends: Array  #: Derivatives of the scaled state before, at a fixed time, shape (2n, p).
 
 
 @dataclass
 class Forward:
-    """Derivatives along a run by forward propagation.
-
-    Attributes
-    ----------
-    solution : EventSolution or TruncatedSolution
-    modal : ModalSystem
-    changes : list of ModalChange
-        One for each parameter.
-    work : Work
-    bare : bool
-        Whether the derivatives themselves are left out: only the motion and its events are wanted.
-    """
+    """Derivatives along a run by forward propagation."""
 
     solution: Any
     modal: ModalSystem
-    changes: list[ModalChange]
+    changes: list[ModalChange]  #: One for each parameter.
     work: Work = field(default_factory=Work)
-    bare: bool = False
+    bare: bool = False  #: Whether the derivatives themselves are left out: only the motion and its events are wanted.
     crossings: list[Crossing] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -156,6 +108,9 @@ class Forward:
         self._forces: dict[int, tuple[Forcing, Forcing]] = {}
         self._pieces: dict[int, Closed | Block] = {}
         self.passages: dict[int, Passage] = {}
+        self._bounced = getattr(self.solution, "hard_bounces", {})
+        #: Derivatives of the impulses of impacts on rigid stops, shape (p,), by the number of the event.
+        self.impulses: dict[int, Array] = {}
         self.final = self._propagate()
 
     # -- pieces of the run ------------------------------------------------------------------------
@@ -218,7 +173,8 @@ class Forward:
         last = index + 1 == self.segments.starts.size
         start = self.state(index)
         duration = float(self.segments.durations[index])
-        end = start if last else self.state(index + 1)
+        # A segment of no duration holds the state before an impact.
+        end = start if last or duration == 0.0 else self.state(index + 1)
         segment = Segment(start, self._starts[index], force, forces, duration, end)
         if flow.basis is not None:
             found = Closed(flow.basis, segment)
@@ -265,6 +221,9 @@ class Forward:
             before = segments.status[index]
             after = self._status_at_end(event) if last else segments.status[index + 1]
             count = self.events.time.size - event if last else int(np.count_nonzero(before != after))
+            if index + 1 in self._bounced:
+                # A stop closes and opens at once.
+                count = 2
             if not count:
                 continue
             state = piece.states(np.array([segments.durations[index]]))[:, 0]
@@ -290,21 +249,18 @@ class Forward:
     ) -> tuple[Array, Array]:
         """Return the derivatives after the events between two segments.
 
-        Parameters
-        ----------
-        index : int
-            The segment before.
-        before, after : ndarray of int, shape (n_contacts,)
-        numbers : range
-            The events in the log.
-        state : ndarray, shape (2n,)
-            At the events, before them.
-        z, v : ndarray, shape (n, p)
-            Derivatives before.
+        `index`: the segment before.
+        `before`, `after` have shape (n_contacts,).
+        `numbers`: the events in the log.
+        `state` (shape (2n,)): at the events, before them.
+        `z`, `v` (shape (n, p)): derivatives before.
         """
         laws, modal = self.modal.laws, self.modal
         assert laws is not None
         displacement, velocity = self._split(state)
+        struck = self.impact(after, numbers, state)
+        if struck is not None:
+            return self._hit(index, after, numbers, state, struck, z, v)
         change_v = np.zeros_like(v)
         project = self.flow(before).equation.project
         for number in numbers:
@@ -337,6 +293,53 @@ class Forward:
             rows = modal.contacts[held]
             stopped -= rows.T @ np.linalg.solve(rows @ rows.T, rows @ velocity)
             z, v = self._held(held, z, v, displacement, stopped)
+        return z, v
+
+    def impact(self, after: Status, numbers: range, state: Array) -> Impact | None:
+        """Return the impact on a rigid stop that events are, None for others; `state` (2n,) is that before them."""
+        laws, velocity = self.modal.laws, self._split(state)[1]
+        assert laws is not None
+        j = int(self.events.contact[numbers[0]])
+        entered = int(self.events.status[numbers[0]])
+        if not laws.rigid[j] or entered == OPEN:
+            return None
+        if entered == CLOSED:
+            return Impact([j], self.modal.contacts[[j]], float(laws.restitution[j]), velocity)
+        held = [j, *(k for k in np.flatnonzero(after == PINNED).tolist() if k != j)]
+        return Impact(held, self.modal.contacts[held], 0.0, velocity)
+
+    def rates(self, index: int, after: Status, state: Array, velocity: Array) -> tuple[Array, Array]:
+        """Return the modal accelerations, each (n,), at the end of a segment, and with another status and velocity."""
+        n, tau = self.modal.size, float(self.segments.durations[index])
+        whole, found = self.forces(index)[0].at(tau), []
+        for status, v in ((self.segments.status[index], state[n:]), (after, velocity)):
+            equation = self.flow(status).equation
+            force = whole if equation.project is None else equation.project @ whole
+            found.append(equation.matrix[n:] @ np.concatenate([state[:n], v]) + force)
+        return found[0], found[1]
+
+    def _hit(
+        self, index: int, after: Status, numbers: range, state: Array, struck: Impact, z: Array, v: Array
+    ) -> tuple[Array, Array]:
+        """Return the derivatives after an impact on a rigid stop, z and v being those before, (n, p)."""
+        displacement, velocity = self._split(state)
+        j, later = struck.contacts[0], struck.passed(velocity)
+        before, beyond = self.rates(index, after, state, later)
+        rate = float(struck.rows[0] @ velocity)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            times = -self._meets(j, displacement, z) / rate
+        self.event_times[numbers.start : numbers.stop] = times
+        size = float(np.linalg.norm(struck.passed(before) - beyond))
+        self.crossings.append(Crossing(float(self.events.time[numbers[0]]), j, rate, size))
+        there = v + np.outer(before, times)
+        z = z + np.outer(velocity - later, times)
+        v = struck.passed(there) - np.outer(beyond, times)
+        impulses = struck.impulses(there)[0]
+        for k, change in enumerate(self.changes):
+            turned, own = struck.by(change)
+            v[:, k] += turned
+            impulses[k] += own[0]
+        self.impulses[numbers[0]] = impulses
         return z, v
 
     def saltation(self, j: int, rate: float) -> float:
@@ -375,14 +378,9 @@ class Forward:
     def release(self, index: int, j: int, after: int, state: Array) -> tuple[Array, float, Array]:
         """Return what releases a pinned contact at the end of a segment, its reaction less the force that it then has.
 
-        Returns
-        -------
-        row : ndarray, shape (2n,)
-            Its derivative by the scaled state.
-        rate : float
-            Its rate by time.
-        explicit : ndarray, shape (p,)
-            Its derivatives by the parameters at a fixed state.
+        Returns `row` (shape (2n,)): its derivative by the scaled state.
+        Returns `rate`: its rate by time.
+        Returns `explicit` (shape (p,)): its derivatives by the parameters at a fixed state.
         """
         laws, tau = self.modal.laws, float(self.segments.durations[index])
         assert laws is not None

@@ -12,42 +12,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.sensitivities.system_change import SystemChange
 from vofem.system import CLOSED, PINNED, ContactLaws, System
 
-Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class ModalSystem:
-    """A system in fixed modes, in which the mass is the identity.
-
-    Attributes
-    ----------
-    system : System
-    shapes : ndarray, shape (n_free, n)
-    stiffness : ndarray, shape (n,)
-        Squared frequencies.
-    damping : ndarray, shape (n, n)
-        Without contacts.
-    rates : ndarray, shape (n,)
-        The part of it that modal damping gives.
-    contacts : ndarray, shape (n_contacts, n)
-    loads : ndarray, shape (n_loads, n)
-    scale : ndarray, shape (n,)
-        Frequencies by which displacements become comparable with velocities.
-    """
+    """A system in fixed modes, in which the mass is the identity."""
 
     system: System
-    shapes: Array
-    stiffness: Array
-    damping: Array
-    rates: Array
-    contacts: Array
-    loads: Array
-    scale: Array
+    shapes: Array  #: Shape (n_free, n).
+    stiffness: Array  #: Squared frequencies, shape (n,).
+    damping: Array  #: Without contacts, shape (n, n).
+    rates: Array  #: The part of it that modal damping gives, shape (n,).
+    contacts: Array  #: Shape (n_contacts, n).
+    loads: Array  #: Shape (n_loads, n).
+    scale: Array  #: Frequencies by which displacements become comparable with velocities, shape (n,).
 
     @property
     def size(self) -> int:
@@ -78,23 +62,15 @@ def modal_system(solution: Any) -> ModalSystem:
 
 @dataclass(frozen=True)
 class ModalChange:
-    """The derivative of a modal system by a parameter; matrices are None where they do not change.
+    """The derivative of a modal system by a parameter; matrices are None where they do not change."""
 
-    Attributes
-    ----------
-    mass, stiffness, damping : ndarray, shape (n, n), optional
-    contacts : ndarray, shape (n_contacts, n), optional
-    loads : ndarray, shape (n_loads, n), optional
-    displacement, velocity : ndarray, shape (n,)
-        Of the initial state.
-    change : SystemChange
-    """
-
+    #: `mass`, `stiffness`, `damping`: shape (n, n).
     mass: Array | None
     stiffness: Array | None
     damping: Array | None
-    contacts: Array | None
-    loads: Array | None
+    contacts: Array | None  #: Shape (n_contacts, n).
+    loads: Array | None  #: Shape (n_loads, n).
+    #: `displacement`, `velocity`: of the initial state, shape (n,).
     displacement: Array
     velocity: Array
     change: SystemChange
@@ -103,12 +79,7 @@ class ModalChange:
 def modal_change(modal: ModalSystem, full: System, change: SystemChange) -> ModalChange:
     """Return the derivative of a system in its modes.
 
-    Parameters
-    ----------
-    modal : ModalSystem
-    full : System
-        Over the degrees of freedom.
-    change : SystemChange
+    `full`: over the degrees of freedom.
     """
     shapes = modal.shapes
 
@@ -154,14 +125,9 @@ def _modal_damping(modal: ModalSystem, mass: Array, stiffness: Array) -> Array:
 class StatusEquation:
     """The equation of motion ``u' = A u + (0, P f)`` of a contact status, u being scaled displacements and velocities.
 
-    Attributes
-    ----------
-    matrix : ndarray, shape (2n, 2n)
-        A.
-    project : ndarray, shape (n, n), optional
-        P, which removes forces along pinned contacts; None where nothing is pinned.
-    push : ndarray, shape (n,)
-        Constant force of the closed contacts.
+    `matrix` (shape (2n, 2n)): A.
+    `project` (shape (n, n)): P, which removes forces along pinned contacts; None where nothing is pinned.
+    `push` (shape (n,)): constant force of the closed contacts.
     """
 
     def __init__(self, modal: ModalSystem, status: Status) -> None:
@@ -247,11 +213,7 @@ class StatusEquation:
     def reaction_changes(self, change: ModalChange, lower: Array) -> tuple[Array, Array]:
         """Return the derivatives of the rows of `reaction` by a parameter.
 
-        Parameters
-        ----------
-        change : ModalChange
-        lower : ndarray, shape (n, 2n)
-            Derivative of `force` at fixed projection.
+        `lower` (shape (n, 2n)): derivative of `force` at fixed projection.
         """
         held = self.modal.contacts[self.pinned]
         c = np.zeros_like(held) if change.contacts is None else change.contacts[self.pinned]

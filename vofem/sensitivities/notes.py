@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.sensitivities.forward import Forward
-
-Array = NDArray[np.float64]
 
 #: Speed of a gap function over the largest one of the contact, below which an event is a grazing.
 _SLOW = 1e-4

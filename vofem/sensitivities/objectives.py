@@ -6,19 +6,18 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import array, name_of, whole
+from vofem.arrays import Array
 from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
 from vofem.lookup import rows_over
 from vofem.result import Result
 from vofem.sensitivities.adjoint import Linear
 from vofem.sensitivities.contacts import Law, event_at, peak_of, within
-from vofem.sensitivities.energy import fastest, gauss, powers
+from vofem.sensitivities.energy import fastest, gauss, no_rigid_stops, powers
 from vofem.sensitivities.forward import Forward
-
-Array = NDArray[np.float64]
 
 
 class Objective:
@@ -46,6 +45,7 @@ def peak_force(contact: Any, impact: int = 1) -> Objective:
     name, number = name_of(contact), whole("peak_force: impact", impact)
 
     def linear(result: Result, forward: Forward) -> Linear:
+        no_rigid_stops("peak_force", forward)
         j, found = _impact(result, name, number)
         out = _blank(forward)
         out.value = float(found.peak_force[number - 1])
@@ -65,6 +65,7 @@ def impulse(contact: Any, impact: int = 1) -> Objective:
     name, number = name_of(contact), whole("impulse: impact", impact)
 
     def linear(result: Result, forward: Forward) -> Linear:
+        no_rigid_stops("impulse", forward)
         j, found = _impact(result, name, number)
         out = _blank(forward)
         out.value = float(found.impulse[number - 1])
@@ -90,6 +91,7 @@ def dissipated() -> Objective:
     """Return the energy that dampers take until the end of the run, J."""
 
     def linear(result: Result, forward: Forward) -> Linear:
+        no_rigid_stops("dissipated", forward)
         modal, out = forward.modal, _blank(forward)
         n = modal.size
         for index in range(forward.starts.size):

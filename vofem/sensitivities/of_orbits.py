@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array, Complex
 from vofem.blas import one_thread
 from vofem.errors import ArgumentError, MethodError
 from vofem.scene import Scene
@@ -20,9 +20,6 @@ from vofem.sensitivities.system_change import system_changes, unchanged
 from vofem.studies.steady import PeriodicOrbit, SpecialPoint
 from vofem.system import CLOSED, OPEN, PINNED
 from vofem.time_functions import Sine, as_time_function
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: Relative distance of multipliers that count as one, and have no derivatives of their own.
 _SAME = 1e-7
@@ -59,10 +56,9 @@ class OrbitSensitivities(MotionSensitivities):
                 "modes"
             )
         self.orbit = orbit
-        contacts = scene.model.system.contacts
-        rigid = None if contacts is None else contacts.rigid_refusal("a derivative of an orbit")
-        if rigid is not None:
-            raise MethodError(f"sensitivities: {rigid}")
+        sliders = scene.model.system.sliders
+        if sliders is not None:
+            raise MethodError(f"sensitivities: {sliders.refusal('a derivative of an orbit')}")
         changes = without_state(system_changes(scene, chosen), chosen, "an orbit does not depend on an initial state")
         super().__init__(scene, result, chosen, changes)
         n = self._modal.size
@@ -164,6 +160,11 @@ class OrbitSensitivities(MotionSensitivities):
         """Return the derivatives of the monodromy matrix along the orbits, each (2n, 2n): the product rule."""
         forward, p = self._forward, len(self.parameters)
         times, pinned = self._total(forward.event_times), forward.segments.status == PINNED
+        if forward.solution.bounces is not None:
+            raise MethodError(
+                "sensitivities: impacts on rigid stops have no second derivatives here, which multipliers need; take "
+                "differences of PeriodicOrbit.multipliers"
+            )
         if np.any(pinned != pinned[0]):
             raise MethodError(
                 "sensitivities: a contact is pinned for a part of this orbit only; impacts that accumulate have no "

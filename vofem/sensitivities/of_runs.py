@@ -7,9 +7,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import Named, array
+from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.errors import ArgumentError, MethodError
 from vofem.integrators.registry import advice
@@ -25,8 +26,6 @@ from vofem.sensitivities.of_statics import OfParameters
 from vofem.sensitivities.parameter import Parameter, parameters_of
 from vofem.sensitivities.system_change import SystemChange, system_changes
 from vofem.system import refuse_travelling
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -224,9 +223,6 @@ def _check(what: str, result: Any) -> None:
     sliders = result.model.system.sliders
     if sliders is not None:
         raise MethodError(sliders.refusal(what))
-    reason = None if contacts is None else contacts.rigid_refusal(what)
-    if reason is not None:
-        raise MethodError(reason)
     if result.interrupted:
         raise ArgumentError(f"{what}: the run was interrupted; run it to its end")
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import Named
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.lookup import rows_over
 from vofem.scene import Scene
@@ -17,8 +17,6 @@ from vofem.sensitivities.parameter import Parameter, parameters_of
 from vofem.sensitivities.system_change import SystemChange, system_changes
 from vofem.statics import Equilibrium
 from vofem.vibration import Modes, contact_indices
-
-Array = NDArray[np.float64]
 
 #: Relative distance of squared frequencies that count as one.
 _SAME = 1e-8

@@ -6,15 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import nearest, number, public, whole
 from vofem.errors import ArgumentError
 from vofem.parameters import declarations, is_declared
 from vofem.scene import Scene
 from vofem.sensitivities.change import INITIAL, LINEAR, PLACES, after, check_field, function_at, initial_pair, point_of
-
-Array = NDArray[np.float64]
 
 
 class Parameter:

@@ -12,8 +12,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.bodies import Point
 from vofem.errors import ArgumentError
 from vofem.lookup import rows_over
@@ -26,7 +26,6 @@ from vofem.system import same_matrix
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
-Array = NDArray[np.float64]
 
 #: Weights of a central difference of order eight, at steps -4 to 4.
 _CENTRAL = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
@@ -42,43 +41,28 @@ _LARGE = 0.25
 
 @dataclass(frozen=True)
 class SystemChange:
-    """The derivative of a system by a parameter; None where nothing changes.
+    """The derivative of a system by a parameter; None where nothing changes."""
 
-    Attributes
-    ----------
-    mass, stiffness, damping : csc_matrix, shape (n, n), optional
-    rayleigh : ndarray, shape (2,)
-    modal_damping : ndarray, shape ()
-        Of the ratios, all of which change by the same amount.
-    rows : csr_matrix, shape (n_contacts, n), optional
-    gap, contact_stiffness, contact_damping : ndarray, shape (n_contacts,)
-    vectors : ndarray, shape (n_loads, n)
-        Of the load vectors.
-    displacement, velocity : ndarray, shape (n,)
-        Of the initial state.
-    functions : dict of int to (str, ...)
-        For every load whose function of time holds the parameter, the path to the number.
-    points : callable
-        Returns the derivative of the rows of points, csr_matrix (k, n), or None.
-    assemblies : int
-        How often the scene was assembled.
-    """
-
+    #: `mass`, `stiffness`, `damping`: shape (n, n).
     mass: csc_matrix | None
     stiffness: csc_matrix | None
     damping: csc_matrix | None
-    rayleigh: Array
-    modal_damping: Array
-    rows: csr_matrix | None
+    rayleigh: Array  #: Shape (2,).
+    modal_damping: Array  #: Of the ratios, all of which change by the same amount, shape ().
+    rows: csr_matrix | None  #: Shape (n_contacts, n).
+    #: `gap`, `contact_stiffness`, `contact_damping`, `restitution`: shape (n_contacts,).
     gap: Array
     contact_stiffness: Array
     contact_damping: Array
-    vectors: Array
+    restitution: Array
+    vectors: Array  #: Of the load vectors, shape (n_loads, n).
+    #: `displacement`, `velocity`: of the initial state, shape (n,).
     displacement: Array
     velocity: Array
+    #: For every load whose function of time holds the parameter, the path to the number.
     functions: dict[int, tuple[str, ...]]
-    points: Callable[[Sequence[Any]], Any]
-    assemblies: int
+    points: Callable[[Sequence[Any]], Any]  #: Returns the derivative of the rows of points, csr_matrix (k, n), or None.
+    assemblies: int  #: How often the scene was assembled.
 
     @cached_property
     def moves_matrices(self) -> bool:
@@ -147,6 +131,9 @@ def _change(scene: Scene, parameter: Parameter, target: Any) -> SystemChange:
     if field == "length":
         step = _RELATIVE * value
         return _difference(scene, parameter, [k * step for k in range(-4, 5)], _CENTRAL / step)
+    if field == "restitution":
+        step = -value if value > 0.5 else 1.0 - value
+        return _difference(scene, parameter, [0.0, step], np.array([-1.0, 1.0]) / step)
     if field in PLACES:
         step = _room(target, field) / 8.0
         return _difference(scene, parameter, [k * step for k in range(9)], _FORWARD / step)
@@ -200,6 +187,7 @@ def _numbers(scene: Scene) -> dict[str, Any]:
         "rows": None if laws is None else laws.rows, "gap": none if laws is None else laws.gap,
         "contact_stiffness": none if laws is None else laws.stiffness,
         "contact_damping": none if laws is None else laws.damping,
+        "restitution": none if laws is None else np.nan_to_num(laws.restitution),
         "vectors": np.array([load.vector for load in system.loads]).reshape(-1, system.size),
         "displacement": state.q, "velocity": state.v,
     }  # fmt: skip
@@ -237,7 +225,16 @@ def _stretch(body: Any, new: Any) -> float:
 def _share(one: dict[str, Any], two: dict[str, Any]) -> float:
     """Return the smallest change of a kind of numbers relative to the entries that change, of the kinds that do."""
     shares = []
-    for name in ("mass", "stiffness", "damping", "gap", "contact_stiffness", "contact_damping", "vectors"):
+    for name in (
+        "mass",
+        "stiffness",
+        "damping",
+        "gap",
+        "contact_stiffness",
+        "contact_damping",
+        "restitution",
+        "vectors",
+    ):
         a, b = one[name], two[name]
         if a is None or b is None:
             continue

@@ -6,9 +6,10 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import array, nearest, number, one_of
+from vofem.arrays import Array
 from vofem.bodies.base import Point, as_point
 from vofem.errors import ArgumentError
 from vofem.initial import Initial
@@ -18,9 +19,6 @@ from vofem.lookup import rows_over
 from vofem.scene import Scene, as_scene
 from vofem.simulate.methods import choose, hint, option_names
 from vofem.simulate.plan import Plan
-
-Array = NDArray[np.float64]
-
 
 #: Arguments of every run, which a misspelt option may be meant for.
 _ARGUMENTS = (

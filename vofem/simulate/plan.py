@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.blas import blas_threads
 from vofem.doubtful import doubtful
 from vofem.errors import MethodError
@@ -25,8 +25,6 @@ from vofem.scene import Scene
 from vofem.simulate.methods import cheaper, exact_instead, note_cost
 from vofem.simulate.start_time import model_at
 from vofem.system import State, System
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

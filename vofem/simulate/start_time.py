@@ -4,14 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from vofem.assembly import Model
 from vofem.system import System
 from vofem.time_functions import Shifted, as_time_function
-
-Array = NDArray[np.float64]
 
 
 def model_at(model: Model, t_start: float) -> Model:

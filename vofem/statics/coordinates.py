@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.system import System
-
-Array = NDArray[np.float64]
 
 #: Difference of forces, over the terms that make them up, below which it is rounding.
 _ROUNDING = 64.0 * float(np.finfo(float).eps)

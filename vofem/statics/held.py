@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.assembly import Model
 from vofem.errors import SingularSystemError
 from vofem.linalg.null_space import null_space
-
-Array = NDArray[np.float64]
 
 
 def check_held(model: Model, rows: Array | None) -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import array
+from vofem.arrays import Array
 from vofem.assembly import Model
 from vofem.errors import ArgumentError, ConvergenceError, LimitLoadError
 from vofem.kernels.choice import by_need
@@ -16,8 +17,6 @@ from vofem.statics.held import check_held
 from vofem.statics.path_outcome import ContactPath, QuasiStatic, SpringPath
 from vofem.statics.work_balance import printed_notes, taken, work_notes
 from vofem.system import CLOSED, PINNED, refuse_travelling
-
-Array = NDArray[np.float64]
 
 #: A spring that bears more than this fraction of its limit load has reached it.
 _AT_LIMIT = 1.0 - 1e-12

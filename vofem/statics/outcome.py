@@ -7,18 +7,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import Named
+from vofem.arrays import Array
 from vofem.assembly import Effect, Model
 from vofem.bodies.beam import Beam
-from vofem.bodies.recovery import recovered_sections
-from vofem.effects.line_loads import line_loads
+from vofem.effects.line_loads import balanced_sections
 from vofem.effects.two_points import units_of
 from vofem.initial import StoredState
 from vofem.lookup import body_named, row_of, the_beam
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -155,16 +153,7 @@ class Equilibrium:
         return self._sections(x, body)[1]
 
     def _sections(self, x: ArrayLike, body: Any) -> tuple[Array, Array]:
-        beam = the_beam(self._model.offsets, body)
+        beam, shape = the_beam(self._model.offsets, body), np.shape(x) or (1,)
         q = self._model.of_body(beam, self._q)[:, None]
-        known = line_loads(self._effects, beam)
-
-        def load(places: Array) -> Array:
-            total = known.pressure(places, np.array([self._t]))
-            if known.bedding:
-                total -= known.bed(places)[:, None] * (beam.field_matrix(places) @ q)
-            return total + beam.tension * (beam.field_matrix(places, 2) @ q) if beam.tension else total
-
-        shape = np.shape(x) or (1,)
-        moment, shear = recovered_sections(beam, np.ravel(np.asarray(x)), q, load)
+        moment, shear = balanced_sections(self._effects, beam, np.ravel(np.asarray(x)), np.array([self._t]), q)
         return moment.reshape(shape), shear.reshape(shape)

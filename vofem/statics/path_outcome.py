@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import Named
+from vofem.arrays import Array
 from vofem.assembly import Model
 from vofem.initial import StoredState
 from vofem.laws import past_of
 from vofem.lookup import body_named, row_of, the_beam
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

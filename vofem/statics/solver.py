@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import SingularSystemError
 from vofem.integrators.rounding import graded
 from vofem.laws import CLOSED, OPEN, PINNED, LawSet
@@ -24,7 +25,6 @@ from vofem.statics.coordinates import Coordinates
 from vofem.statics.line_search import lowest
 from vofem.system import System
 
-Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 Solve = Callable[[Array], Array]
 

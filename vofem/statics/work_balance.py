@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.stepping.energies import contact_energy, strain_energy
 from vofem.system import System
-
-Array = NDArray[np.float64]
 
 #: Missing energy, over the largest energy, above which there is a note.
 _WORTH = 1e-6

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import whole
+from vofem.arrays import Array
 from vofem.bodies.base import Body, touching
 from vofem.bodies.beam import Beam
 from vofem.bodies.kinds import Section
@@ -16,8 +16,6 @@ from vofem.bodies.supports import ByNode
 from vofem.errors import ArgumentError
 from vofem.parameters import changed, declarations, values_of
 from vofem.scene import Scene, as_scene
-
-Array = NDArray[np.float64]
 
 
 def element_count(scene: Scene) -> int:

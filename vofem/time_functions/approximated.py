@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array, number, whole
+from vofem.arrays import Array
 from vofem.errors import ArgumentError, ConvergenceError
 from vofem.time_functions.base import TimeFunction, as_time_function
 from vofem.time_functions.moments import straight, wave
 from vofem.time_functions.piece import Piece
-
-Array = NDArray[np.float64]
 
 #: Phase that the slower harmonic of a piece covers, rad: a small one makes the fit lose digits, a large one makes it
 #: of second order in the length of the piece from some accuracy on.

@@ -5,20 +5,19 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import number
+from vofem.arrays import Array
 from vofem.errors import ArgumentError, LoadError
 from vofem.parameters import Kind, OneOf, Real, Unwritable, declared
 from vofem.parameters.nested import read_number_or
 from vofem.parameters.place import INVALID, Book, Invalid, Place
 from vofem.time_functions.moments import gather, sampled, straight
 from vofem.time_functions.piece import Piece
-
-Array = NDArray[np.float64]
 
 
 class TimeFunction(ABC):
@@ -167,6 +166,7 @@ class OfTime(Kind):
 
     shown = "float, TimeFunction or callable of t"
     expected = f"a number or {_NAMED.expected}"
+    schema: ClassVar = {"$ref": "#/$defs/function_of_time"}
 
     @property
     def meaning(self) -> str:
@@ -190,10 +190,6 @@ class OfTime(Kind):
         if not function.written_out:
             raise Unwritable(f"{function!r} is a callable, which a scene file cannot hold; use one of {_NAMED.names()}")
         return _NAMED.write(function, book)
-
-    def described(self) -> dict[str, Any]:
-        """Return a number or a function of time."""
-        return {"$ref": "#/$defs/function_of_time", **super().described()}
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vofem.arrays import Array
 from vofem.time_functions.base import TimeFunction, order_of
 from vofem.time_functions.piece import Piece
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,16 +6,15 @@ from dataclasses import KW_ONLY, field
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import wrong
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.parameters import Real, declared, rule
 from vofem.time_functions.base import PiecewiseStraight, TimeFunction, inside, order_of
 from vofem.time_functions.moments import wave
 from vofem.time_functions.piece import Piece
-
-Array = NDArray[np.float64]
 
 
 @declared(frozen=True, either=("omega", "frequency"))

@@ -6,14 +6,13 @@ from dataclasses import field
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.parameters import Numbers, declared, rule
 from vofem.time_functions.base import PiecewiseStraight, inside, order_of
 from vofem.time_functions.piece import Piece
-
-Array = NDArray[np.float64]
 
 
 @declared(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +24,13 @@ from vofem.integrators.event_driven.clusters import Group
 from vofem.integrators.event_driven.exosystem import exosystem, gathered
 from vofem.integrators.event_driven.flow import modes_of
 from vofem.integrators.event_driven.pieces import Maps, Pieces, Structure, maps, pass_segments, pieces, structure
-from vofem.integrators.event_driven.regime import Motion, Regime, regime_of, start_motion
-from vofem.integrators.event_driven.spectrum import Spectra
+from vofem.integrators.event_driven.regime import Motion, Regime, Regimes, start_motion
 from vofem.kernels.mode import kernels
-from vofem.system import Counters, System
+from vofem.system import PINNED, Counters, System
+
+if TYPE_CHECKING:
+    from vofem.integrators.event_driven.sliders import Sliders
+    from vofem.laws import FrictionLaws
 
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
@@ -106,6 +109,39 @@ class _Table(NamedTuple):
     groups: list[Group | None]
 
 
+class Stuck(NamedTuple):
+    """What rigid sliders that stick hold: their places stay where they are, and all else moves about them.
+
+    Attributes
+    ----------
+    carry : ndarray, shape (n, n)
+        The displacement that the places of the sliders ask for, in equilibrium under reactions alone.
+    reaction : ndarray, shape (k, n)
+        Reactions of everything pinned to that displacement.
+    """
+
+    carry: Array
+    reaction: Array
+
+
+def _stuck(regime: Regime, contacts: Array, status: Status, first: int) -> Stuck | None:
+    """Return what the sliders of a status hold; None where none sticks. Their rows are the last of the contacts."""
+    held = np.flatnonzero(status == PINNED)
+    mine = np.flatnonzero(held >= first)
+    if not mine.size:
+        return None
+    real, force = regime.spectrum.real, regime.base.quantities.reactions
+    assert real.lifts is not None
+    assert force is not None
+    lift, push, react = (part[:, mine] for part in real.lifts)
+    # Where the structure has rigid motions, these modes balance what reactions leave.
+    bent = real.down(push) / np.where(real.p > 0.0, real.p, np.inf)[:, None]
+    rows = contacts[held]
+    share = np.linalg.solve(rows @ rows.T, rows)
+    reaction = force.displacement @ bent + share @ push - react
+    return Stuck((lift + real.up(bent)) @ rows[mine], reaction @ rows[mine])
+
+
 class Course:
     """Follows a system along given segments.
 
@@ -116,34 +152,56 @@ class Course:
     horizon : float
         Longest duration of a segment in s.
     counters : Counters
+    group : FrictionLaws, optional
+        Rigid sliders without belts, whose rows are the last ones of the contacts.
+
+    Attributes
+    ----------
+    sliders : Sliders, optional
     """
 
-    def __init__(self, system: System, horizon: float, counters: Counters) -> None:
+    def __init__(self, system: System, horizon: float, counters: Counters, group: FrictionLaws | None = None) -> None:
         self.system, self.horizon = system, horizon
         self.space = modes_of(system, counters)
-        self._spectra = Spectra(self.space, system.contacts, counters, system.cache)
         functions, self._vectors = gathered(system.loads, self.space.loads)
+        self.sliders: Sliders | None = None
+        if group is not None:
+            from vofem.integrators.event_driven.sliders import Sliders
+
+            assert system.contacts is not None
+            self.sliders = Sliders(group, len(system.contacts) - len(group), len(functions))
+        self._linear = Regimes(system, self.space, self._vectors, counters, self.sliders)
         # The loads have no breakpoints.
         edges = np.array([0.0, horizon])
         self.loads = exosystem(functions, edges, constant=system.contacts is not None)
-        self._regimes: dict[bytes, Regime] = {}
+        self._stuck: dict[bytes, Stuck | None] = {}
         self._table: _Table | None = None
 
     def regime(self, status: Status) -> Regime:
         """Return the linear piece of a contact status."""
-        key = status.tobytes()
-        if key not in self._regimes:
-            load = self.loads.function[0], self.loads.omega[0], self.loads.bend
-            self._regimes[key] = regime_of(
-                self._spectra[status], self.space, self.system.contacts, status, np.abs(self.space.contacts),
-                self._vectors, load, self.horizon,
-            )  # fmt: skip
-        return self._regimes[key]
+        return self._linear.of(status, self.loads, 0)
 
     def motion(self, status: Status, time: float, state: Array) -> Motion:
         """Return the motion from a modal state, shape (2n,), at a time in s."""
-        n = self.space.size
-        return start_motion(self.regime(status), state[:n], state[n:], self.loads.at(np.array([time]))[0])
+        n, w, held = self.space.size, self.loads.at(np.array([time]))[0], self.stuck(status)
+        if held is None:
+            return start_motion(self.regime(status), state[:n], state[n:], w)
+        kept = held.carry @ state[:n]
+        found = start_motion(self.regime(status), state[:n] - kept, state[n:], w)
+        return replace(found, displacement=found.displacement + kept)
+
+    def stuck(self, status: Status) -> Stuck | None:
+        """Return what sliders that stick hold; None where none does."""
+        key = status.tobytes()
+        if self.sliders is not None and key not in self._stuck:
+            self._stuck[key] = _stuck(self.regime(status), self.space.contacts, status, self.sliders.first)
+        return self._stuck.get(key)
+
+    def reaction(self, status: Status, time: float, state: Array, contact: int) -> float:
+        """Return the reaction of a slider or contact that rests in a modal state (2n,) at a time in s."""
+        held = int(np.sum(status[:contact] == PINNED))
+        found, kept = float(self.motion(status, time, state).reactions(np.zeros(1))[held, 0]), self.stuck(status)
+        return found if kept is None else found + float(kept.reaction[held] @ state[: self.space.size])
 
     @cached_property
     def _structure(self) -> Structure:
@@ -162,7 +220,9 @@ class Course:
         spectra = [regime.spectrum for regime in regimes]
 
         def made() -> Maps:
-            return maps(self.space, self.system.contacts, every, spectra)
+            held = [self.stuck(status) for status in every]
+            carries = [None if one is None else one.carry for one in held]
+            return maps(self.space, self.system.contacts, every, spectra, carries)
 
         of_system = self.system.cache.get("maps of statuses", b"".join(keys), made, _MOST_SETS)
         loads = pieces(regimes, self.loads, self.space.size)

@@ -30,7 +30,6 @@ from vofem.linalg.oscillators import (
     DELTA,
     SQUARE,
     oscillator_times,
-    oscillators,
     oscillators_at,
     oscillators_at_once,
 )
@@ -77,7 +76,7 @@ class Blocks(NamedTuple):
         a1, b1, a2, b2 of each pair.
     group : Group or None
         Blocks that are not independent. Without them what is computed for them is left out of the machine code.
-    work, bits : ndarray, shapes (6, m) and (m,)
+    work : ndarray, shape (7, m)
         Work space.
     response : Response
     """
@@ -87,7 +86,6 @@ class Blocks(NamedTuple):
     gain: Array
     group: Group | None
     work: Array
-    bits: Integers
     response: Response
 
 
@@ -96,10 +94,9 @@ def ready(blocks: Blocks) -> Blocks:
     return blocks._replace(response=response(blocks.pair.size > 0))
 
 
-def blocks_of(delta: Array, p: Array, pair: Integers, gain: Array, group: Group | None) -> Blocks:
+def blocks_of(of: Array, pair: Integers, gain: Array, group: Group | None) -> Blocks:
     """Return blocks with work space. They may be kept for long, so addresses are set by `ready` where they move."""
-    work, bits = np.empty((6, p.size)), np.zeros(p.size, dtype=np.int64)
-    return Blocks(oscillators(delta, p), pair, gain, group, work, bits, response(False))
+    return Blocks(of, pair, gain, group, np.empty((7, of.shape[1])), response(False))
 
 
 @jit
@@ -160,8 +157,10 @@ def _add_bent(p: Any, z: Any, tau: float) -> None:
 
 
 @jit
-def _add_from_rest(blocks: Blocks, start: Array, tau: float, out: Array) -> None:
-    of, pair, numbers = blocks.of, blocks.pair, blocks.response.numbers
+def add_from_rest(
+    of: Array, pair: Integers, gain: Array, address: int, numbers: Array, start: Array, tau: float, out: Array
+) -> None:  # fmt: skip
+    """Add the responses of coupled blocks from rest to changes of states, shape (2, m); see `Blocks` and `Response`."""
     for e in range(pair.shape[0]):
         k, j, bend = pair[e, 0], pair[e, 1], pair[e, 2]
         if bend == -2:
@@ -171,42 +170,53 @@ def _add_from_rest(blocks: Blocks, start: Array, tau: float, out: Array) -> None
         numbers[0], numbers[1], numbers[2] = of[DELTA, k], of[SQUARE, k], of[SQUARE, j]
         numbers[3], numbers[4] = start[0, j], start[1, j]
         for i in range(4):
-            numbers[5 + i] = blocks.gain[e, i]
+            numbers[5 + i] = gain[e, i]
         if bend >= 0:
             numbers[9], numbers[10] = start[0, bend], start[1, bend]
-        call(blocks.response.address, 1 if bend >= 0 else 0, numbers, 0, numbers, _TAKES, tau, 0.0)
+        call(address, 1 if bend >= 0 else 0, numbers, 0, numbers, _TAKES, tau, 0.0)
         out[0, k] += numbers[_TAKES]
         out[1, k] += numbers[_TAKES + 1]
+
+
+@jit
+def _respond_all(blocks: Blocks, start: Array, tau: float, out: Array) -> None:
+    respond = blocks.response
+    add_from_rest(blocks.of, blocks.pair, blocks.gain, respond.address, respond.numbers, start, tau, out)
 
 
 @jit
 def change(blocks: Blocks, start: Array, tau: float, out: Array) -> None:
     """Write by how much the states of all blocks, shape (2, m), have changed at tau."""
     blocks, start, out = borrowed((blocks, start, out))
-    of, both = blocks.of, blocks.work[4:]
-    oscillators_at(of, tau, both, blocks.work, blocks.bits)
+    of, both = blocks.of, blocks.work[5:]
+    oscillators_at(of, tau, both, blocks.work)
     for k in range(of.shape[1]):
         z, v, delta = start[0, k], start[1, k], of[DELTA, k]
         out[0, k] = both[0, k] * z + both[1, k] * (v + delta * z)
         out[1, k] = both[0, k] * v - both[1, k] * (of[SQUARE, k] * z + delta * v)
     if blocks.pair.shape[0] > 0:
-        _add_from_rest(blocks, start, tau, out)
+        _respond_all(blocks, start, tau, out)
     group_change(blocks.group, start, tau, out)
 
 
 @plain_form(change)
 def change_at_once(blocks: Blocks, start: Array, tau: float, out: Array) -> None:
     """Do what `change` does, for all blocks at once."""
-    of, both = blocks.of, blocks.work[4:]
-    oscillators_at_once(of, tau, both, blocks.work, blocks.bits)
+    moved_at_once(blocks.of, start, tau, blocks.work, out)
+    if blocks.pair.size:
+        _respond_all(blocks, start, tau, out)
+    if blocks.group is not None:
+        group_change(blocks.group, start, tau, out)
+
+
+def moved_at_once(of: Array, start: Array, tau: float, work: Array, out: Array) -> None:
+    """Write by how much free motion has changed states of blocks, shape (2, m), at tau; `work` is of shape (7, m)."""
+    both = work[5:]
+    oscillators_at_once(of, tau, both, work)
     z, v = start
     delta = of[DELTA]
     np.add(both[0] * z, both[1] * (v + delta * z), out=out[0])
     np.subtract(both[0] * v, both[1] * (of[SQUARE] * z + delta * v), out=out[1])
-    if blocks.pair.size:
-        _add_from_rest(blocks, start, tau, out)
-    if blocks.group is not None:
-        group_change(blocks.group, start, tau, out)
 
 
 def changes(blocks: Blocks, starts: Array, own: Integers, tau: Array) -> Array:
@@ -245,7 +255,7 @@ def row_changes(blocks: Blocks, rows: Array, tau: Array) -> Array:
             start[part, j] = 1.0
             for i, t in enumerate(tau.tolist()):
                 driven = np.zeros_like(start)
-                _add_from_rest(blocks, start, t, driven)
+                _respond_all(blocks, start, t, driven)
                 found[i, :, part, j] += w @ driven[0] + u @ driven[1]
     return np.asarray(found)
 
@@ -271,4 +281,4 @@ def _changes_at_once(blocks: Blocks, starts: Array, own: Integers, tau: Array, o
         out[:, 1, k] += tau * (second + 0.5 * tau * third)
     others = blocks._replace(pair=blocks.pair[~bends], gain=blocks.gain[~bends])
     for i in range(tau.size) if others.pair.size else ():
-        _add_from_rest(others, starts[own[i]], tau[i], out[i])
+        _respond_all(others, starts[own[i]], tau[i], out[i])

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.event_driven.record import Record
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Events
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 #: Speed of approach, over the largest one of the stop, below which the body comes to rest at the stop.
@@ -24,29 +24,16 @@ REST = 1e-9
 
 
 class Bounces(NamedTuple):
-    """The impacts on rigid stops in a run, those included with which a body comes to rest.
+    """The impacts on rigid stops in a run, those included with which a body comes to rest."""
 
-    Attributes
-    ----------
-    event : ndarray of int, shape (k,)
-        Number of the event among those of the run.
-    segment : ndarray of int, shape (k,)
-        Number of the segment that begins with the impact.
-    contact : ndarray of int, shape (k,)
-    approach, departure : ndarray, shape (k,)
-        Speeds before and after, m/s.
-    impulse : ndarray, shape (k,)
-        N s.
-    pressed, lost : ndarray, shape (k,)
-        Kinetic energy of the approach, and the part that was lost, J.
-    """
-
-    event: Integers
-    segment: Integers
-    contact: Integers
+    event: Integers  #: Number of the event among those of the run, shape (k,).
+    segment: Integers  #: Number of the segment that begins with the impact, shape (k,).
+    contact: Integers  #: Shape (k,).
+    #: `approach`, `departure`: speeds before and after, m/s, shape (k,).
     approach: Array
     departure: Array
-    impulse: Array
+    impulse: Array  #: N s, shape (k,).
+    #: `pressed`, `lost`: kinetic energy of the approach, and the part that was lost, J, shape (k,).
     pressed: Array
     lost: Array
 

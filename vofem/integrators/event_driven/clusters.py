@@ -12,48 +12,28 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array, IntArray
 from vofem.kernels.jit import jit
 from vofem.linalg.exponential import matrix_change
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
 
 class Cluster(NamedTuple):
-    """A set of coupled coordinates.
+    """A set of coupled coordinates."""
 
-    Attributes
-    ----------
-    member : ndarray of int, shape (g,)
-        Numbers of the blocks in whose places the coordinates are stored: all z first, then all v.
-    generator : ndarray, shape (2g, 2g)
-        T.
-    """
-
+    #: Numbers of the blocks in whose places the coordinates are stored: all z first, then all v. Shape (g,).
     member: IntArray
-    generator: Array
+    generator: Array  #: T, shape (2g, 2g).
 
 
 class Group(NamedTuple):
-    """All clusters of a contact status together.
+    """All clusters of a contact status together."""
 
-    Attributes
-    ----------
-    member : ndarray of int, shape (g,)
-        Numbers of the blocks, those of the loads counted.
-    matrix : ndarray, shape (2g + 2e, 2g + 2e)
-        Derivative of (x, w), with w scaled so that no entry is much larger than the others.
-    scale : ndarray, shape (2e,)
-        What w is multiplied by for that.
-    bounds : ndarray, shape (2 + 2e,)
-        Norm of T, and the largest rate at which motion may grow, 1/s; norms of the columns of G.
-    """
-
-    member: IntArray
+    member: IntArray  #: Numbers of the blocks, those of the loads counted, shape (g,).
+    #: Derivative of (x, w), with w scaled so that no entry is much larger than the others, shape (2g + 2e, 2g + 2e).
     matrix: Array
-    scale: Array
+    scale: Array  #: What w is multiplied by for that, shape (2e,).
+    #: Norm of T, and the largest rate at which motion may grow, 1/s; norms of the columns of G. Shape (2 + 2e,).
     bounds: Array
 
 
@@ -62,16 +42,10 @@ def group_of(
 ) -> Group | None:  # fmt: skip
     """Return the group of some clusters.
 
-    Parameters
-    ----------
-    drive : ndarray, shape (2m, 2e)
-        G, rows of all blocks.
-    omega : ndarray, shape (e,)
-        Frequencies of the loads in rad/s, 0 for lines.
-    bend : ndarray of int, shape (e,)
-        See `Exosystem`.
-    horizon : float
-        Longest time in s for which a motion is computed.
+    `drive` (shape (2m, 2e)): G, rows of all blocks.
+    `omega` (shape (e,)): frequencies of the loads in rad/s, 0 for lines.
+    `bend` (shape (e,)): see `Exosystem`.
+    `horizon`: longest time in s for which a motion is computed.
     """
     if not clusters:
         return None

@@ -9,12 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array, IntArray
 from vofem.integrators.event_driven.clusters import Cluster
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Coupling by damping below this share of the damping itself is rounding.
 _ROUNDING = 2.0 * float(np.finfo(float).eps)
@@ -32,23 +29,16 @@ _WELL = 10.0
 
 
 class Blocks(NamedTuple):
-    """Independent blocks ``z' = v, v' = -2 delta v - p z`` of a damped system, and the maps to and from it.
+    """Independent blocks ``z' = v, v' = -2 delta v - p z`` of a damped system, and the maps to and from it."""
 
-    Attributes
-    ----------
-    delta, p : ndarray, shape (m,)
-        Ordered by p. For members of a cluster delta is zero and p is the square of the cluster's largest rate.
-    out, into : ndarray, shape (2m, 2m)
-        ``(displacement, velocity) = out @ (z, v)``, and the inverse.
-    clusters : tuple of Cluster
-        Blocks that are not independent.
-    """
-
+    #: `delta`, `p`: ordered by p. For members of a cluster delta is zero and p is the square of the cluster's largest
+    #: rate. Shape (m,).
     delta: Array
     p: Array
+    #: ``(displacement, velocity) = out @ (z, v)``, and the inverse, shape (2m, 2m).
     out: Array
     into: Array
-    clusters: tuple[Cluster, ...] = ()
+    clusters: tuple[Cluster, ...] = ()  #: Blocks that are not independent.
 
 
 def damped_blocks(stiffness: Array, damping: Array) -> Blocks:
@@ -58,12 +48,8 @@ def damped_blocks(stiffness: Array, damping: Array) -> Blocks:
     are separated first and form their own blocks. Parts that damping does not
     couple are separated too, because rounding would mix their motions.
 
-    Parameters
-    ----------
-    stiffness : ndarray, shape (m,)
-        k, not negative.
-    damping : ndarray, shape (m, m)
-        C, symmetric and positive semi-definite.
+    `stiffness` (shape (m,)): k, not negative.
+    `damping` (shape (m, m)): C, symmetric and positive semi-definite.
     """
     m = stiffness.size
     frame, loose = _loose_motions(stiffness, damping)

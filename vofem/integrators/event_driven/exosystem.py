@@ -5,13 +5,16 @@ A polynomial of a higher degree, up to the third, is a line too, which is bent b
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.linalg.oscillators import oscillators
 from vofem.system import Load
 from vofem.time_functions import TimeFunction
 
@@ -23,6 +26,44 @@ CONSTANT = -1
 
 #: The place of a load where others have more.
 _NONE = -2
+
+
+@dataclass(frozen=True)
+class Kind:
+    """The loads of one kind of interval.
+
+    Attributes
+    ----------
+    function, omega, bend : ndarray, shape (e,)
+        See `Exosystem`.
+    of : ndarray, shape (8, e)
+        The loads as oscillators.
+    """
+
+    function: Integers
+    omega: Array
+    bend: Integers
+    of: Array
+
+    @cached_property
+    def lines(self) -> Integers:
+        """Numbers of the lines."""
+        return np.flatnonzero(self.omega == 0.0)
+
+    @cached_property
+    def waves(self) -> Integers:
+        """Numbers of the harmonics."""
+        return np.flatnonzero(self.omega)
+
+    @cached_property
+    def key_of_lines(self) -> bytes:
+        """What tells the lines from those of other kinds."""
+        return self.function[self.lines].tobytes() + self.bend.tobytes()
+
+    @cached_property
+    def key(self) -> tuple[bytes, ...]:
+        """What tells the kind from others."""
+        return self.function.tobytes(), self.omega.tobytes(), self.bend.tobytes()
 
 
 @dataclass(frozen=True)
@@ -59,10 +100,24 @@ class Exosystem:
         """Number of loads e."""
         return int(self.states.shape[2])
 
+    @cached_property
+    def kinds(self) -> list[Kind]:
+        """The loads of each kind of interval."""
+        still = np.zeros(self.size)
+        return [
+            Kind(function, omega, self.bend, oscillators(still, omega**2))
+            for function, omega in zip(self.function, self.omega, strict=True)
+        ]
+
+    @property
+    def horizon(self) -> float:
+        """The next power of two above the duration of all intervals, in s, so that similar durations have one."""
+        return math.ldexp(1.0, math.frexp(float(self.edges[-1] - self.edges[0]))[1])
+
     def interval(self, times: Array) -> Integers:
         """Return the interval in which each time lies, the later one of two that meet there."""
-        found = np.searchsorted(self.edges, times, side="right") - 1
-        return np.clip(found, 0, self.kind.size - 1)
+        # All inner edges count, so times outside belong to the first and the last interval.
+        return np.searchsorted(self.edges[1:-1], times, side="right")
 
     def at(self, times: Array) -> Array:
         """Return values and rates of the loads at some times, shape (n_times, 2, e).

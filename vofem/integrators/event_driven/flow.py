@@ -139,7 +139,7 @@ class Flow:
         """
         segments = self.solution.segments
         z, v = [self.displacement, *segments.displacement], [self.velocity, *segments.velocity]
-        if segments.starts.size < _FEW:
+        if segments.starts.size < _FEW or self.solution.given.sliders is not None:
             inside = self.start.time + (self.stop - self.start.time) * _INSIDE
             more_z, more_v = self.solution.modal(inside)
             z, v = [*z, *more_z.T], [*v, *more_v.T]
@@ -156,6 +156,16 @@ def modal_state(system: System, space: ModalSpace, state: State) -> tuple[Array,
 def modes_of(system: System, counters: Counters) -> ModalSpace:
     """Return the modes of a system without contacts, solved once."""
     return system.cache.get("modal space", None, lambda: modal_space(system, counters))
+
+
+def solution_of(system: System, t_end: float, times: Array, counters: Counters) -> EventSolution:
+    """Return the solution to be filled, with the modal space of the system, which is solved once."""
+    if system.sliders is None:
+        return EventSolution(system, modes_of(system, counters), t_end, times, counters)
+    from vofem.integrators.event_driven.sliders import with_sliders
+    from vofem.integrators.event_driven.sliding import SlidingSolution
+
+    return SlidingSolution(system, modes_of(with_sliders(system), counters), t_end, times, counters)
 
 
 def flow(
@@ -188,9 +198,9 @@ def flow(
         After `most_events` events.
     """
     counters = Counters() if counters is None else counters
-    space = modes_of(system, counters)
+    solution = solution_of(system, stop, np.array([stop]), counters)
+    space = solution.space
     n = space.size
-    solution = EventSolution(system, space, stop, np.array([stop]), counters)
     t, displacement, velocity = start.time, start.displacement, start.velocity
     if start.status is None:
         shapes = space.shapes
@@ -200,11 +210,9 @@ def flow(
     else:
         status = start.status
         solution.begin_at(status, displacement, start.touching)
-    tangent = None if derivative is None else Tangent(space, system.contacts, derivative[:n], derivative[n:])
+    tangent = None if derivative is None else Tangent(space, solution.system.contacts, derivative[:n], derivative[n:])
     edges = [t, *_stops(system, t, stop)]
-    follower = follower_of(
-        solution, edges, t, status, displacement, velocity, PIN_FRACTION, most_events
-    )  # fmt: skip
+    follower = follower_of(solution, edges, t, status, displacement, velocity, PIN_FRACTION, most_events)
     while follower.time < stop:
         follower.advance()
         if solution.record.events > most_events:

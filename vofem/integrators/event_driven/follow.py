@@ -16,25 +16,31 @@ from numpy.typing import ArrayLike, NDArray
 from vofem.integrators.event_driven.blocks import response
 from vofem.integrators.event_driven.loop import (
     DECISION,
+    EDGES,
     EVALUATIONS,
+    EVENT_ROOM,
     EVENTS,
     FULL,
     FUNCTION,
     INTERVAL,
     LEFT,
+    MODES_OF_RUN,
+    NUMBERS,
+    RESPOND,
+    SEGMENT_ROOM,
     SEGMENTS,
     STATUS,
     SWITCHED,
-    Laws,
-    Loads,
-    LoopSpace,
-    Reached,
-    loop_space,
+    WORK_F,
+    WORK_X,
     run_segments,
+    work_space,
 )
 from vofem.integrators.event_driven.regime import Regime
+from vofem.integrators.event_driven.search import HIT
 from vofem.integrators.event_driven.solution import EventSolution
-from vofem.integrators.event_driven.table import MOST_MODES, Statuses, Table, single
+from vofem.integrators.event_driven.table import PAIRS, Statuses
+from vofem.kernels.addresses import place_of
 from vofem.kernels.mode import kernels
 from vofem.system import PINNED
 
@@ -84,66 +90,68 @@ class Follower:
         self.time, self.status, self.displacement, self.velocity = time, status, displacement, velocity
         self.calls = 0
         loads = solution.exosystem = solution.loads_between(np.asarray(edges, dtype=float))
-        self._loads = Loads(loads.edges, loads.states, loads.kind, loads.omega, loads.bend, solution.drift())
         self._pin_fraction, self._most_events = pin_fraction, most_events
         self._segments = FIRST_CALL
         self._statuses = Statuses(len(loads.omega))
-        self._space: LoopSpace | None = None
-        self._shapes: tuple[int, ...] = ()
         contacts, n = solution.space.contacts.shape
-        self._reached = Reached(np.zeros(1), np.full(8, -1), np.zeros(n), np.zeros(n), np.zeros(contacts))
-        self._laws = solution.system.cache.get("laws of the loop", pin_fraction, self._laws_of_system)
+        drift = solution.drift()
+        self._run = np.full(NUMBERS, -1)
+        self._run[MODES_OF_RUN:RESPOND] = n, contacts, loads.size, loads.kind.size, drift.shape[2], 0, 0
+        self._time, self._state, self._gaps = np.zeros(1), np.zeros((2, n)), np.zeros(contacts)
+        laws = solution.system.cache.get("laws of the loop", pin_fraction, self._laws_of_system)
+        rows = solution.space.contacts
+        row_sizes = rows if solution.system.contacts is None else solution.row_sizes
+        given = [loads.edges, loads.states, loads.kind, loads.omega, loads.bend, drift, rows, row_sizes, laws]
+        # Arrays of the loop in the order of their places, up to those of the record.
+        self._arrays = [*map(np.ascontiguousarray, given), self._time, self._state, self._gaps]
 
-    def _laws_of_system(self) -> Laws:
+    def _laws_of_system(self) -> Array:
+        """Return the array of the laws, see `loop.GAP`."""
         solution = self.solution
-        rows, laws = np.array(solution.space.contacts), solution.system.contacts
-        squares = np.sum(rows**2, axis=1)
+        laws, squares = solution.system.contacts, np.sum(np.array(solution.space.contacts) ** 2, axis=1)
         if laws is None:
-            return Laws(rows, rows, squares, squares, squares, squares)
+            return np.zeros((0, 4))
         # As in `pinned.may_pin`.
         scale = np.where(laws.jump, 1.01 * squares * self._pin_fraction * laws.gap, 0.0)
-        return Laws(
-            rows, np.array(solution.row_sizes), squares, np.array(laws.gap, dtype=float),
-            scale * laws.stiffness * laws.gap, scale * laws.damping,
-        )  # fmt: skip
+        return np.stack([laws.gap, squares, scale * laws.stiffness * laws.gap, scale * laws.damping], axis=1)
 
     def advance(self) -> None:
         """Compute one segment or more. In compiled code a call takes about 0.1 s of wall time at most."""
-        solution, place = self.solution, self._reached.place
+        solution, run, statuses = self.solution, self._run, self._statuses
         loads, number = solution.exosystem, solution.record.number(self.status)
-        place[INTERVAL] = loads.interval(np.array([self.time]))[0]
-        kind = int(loads.kind[place[INTERVAL]])
+        run[INTERVAL] = loads.interval(np.array([self.time]))[0]
+        kind = int(loads.kind[run[INTERVAL]])
         regime = solution.regime(self.status, kind)
         group = regime.blocks.group
-        if group is not None or solution.space.size > MOST_MODES:
-            table = single(regime, number, kind, len(solution.record.statuses), len(loads.omega))
-        else:
-            table = self._statuses.enter(regime, number, kind)
-            left, function = place[LEFT], place[FUNCTION]
-            if 0 <= left < len(table.after) and function < table.after.shape[1]:
-                table.after[left, function] = number
-        place[STATUS], place[LEFT] = number, -1
         with nullcontext() if group is None else kernels(compiled=False):
-            self._loop(regime, table)
+            if group is not None:
+                statuses = Statuses(len(loads.omega))
+            statuses.enter(regime, number, kind)
+            left, function = run[LEFT], run[FUNCTION]
+            if 0 <= left < statuses.after.shape[0] and function < statuses.after.shape[1]:
+                statuses.after[left, function] = number
+            run[STATUS], run[LEFT] = number, -1
+            self._loop(regime, statuses)
 
-    def _loop(self, regime: Regime, table: Table) -> None:
-        solution, reached = self.solution, self._reached
-        record, counters, place = solution.record, solution.counters, reached.place
+    def _loop(self, regime: Regime, statuses: Statuses) -> None:
+        solution, run = self.solution, self._run
+        record, counters, group = solution.record, solution.counters, regime.blocks.group
         self._enter()
-        place[SEGMENTS], place[EVENTS], place[EVALUATIONS] = record.segments, record.events, 0
-        shapes = (*table.rows.shape[1:], *table.steady.shape[1:])
-        if self._space is None or shapes != self._shapes:
-            self._space, self._shapes = loop_space(table), shapes
-        group, first, first_event, begun = regime.blocks.group, record.segments, record.events, time.perf_counter()
-        space = self._space._replace(response=response(table.pair.size > 0))
+        run[SEGMENTS], run[EVENTS], run[EVALUATIONS] = record.segments, record.events, 0
+        space = work_space(statuses.table, solution.space.size)
+        run[RESPOND] = response(bool(statuses.table[:, PAIRS].any())).address
+        first, first_event, begun = record.segments, record.events, time.perf_counter()
         record.make_room(1, 1)
         while True:
+            buffers = record.buffers
+            run[SEGMENT_ROOM], run[EVENT_ROOM] = buffers.starts.size, buffers.event_time.size
+            run[EDGES:] = [place_of(array) for array in (*self._arrays, *buffers, *space)]
             reason = run_segments(
-                table, group, self._laws, self._loads, reached, record.buffers, space,
+                statuses.table, statuses.slots, statuses.after, group, run,
                 1 if group is not None else self._segments, self._most_events,
             )  # fmt: skip
             self.calls += 1
-            record.segments, record.events = int(place[SEGMENTS]), int(place[EVENTS])
+            record.segments, record.events = int(run[SEGMENTS]), int(run[EVENTS])
             if reason != FULL:
                 break
             more = max(min(record.segments, MOST), 1)
@@ -154,41 +162,39 @@ class Follower:
             self._segments = max(self._segments // 2, 1) if seconds > 2.0 * _SECONDS else self._segments
         counters.steps += record.segments - first
         counters.events += record.events - first_event
-        counters.gap_evaluations += int(place[EVALUATIONS]) * reached.gaps.size
+        counters.gap_evaluations += int(run[EVALUATIONS]) * self._gaps.size
         if record.segments > first:
-            self._take_over(table, decide=reason == DECISION)
+            self._take_over(space[WORK_F - WORK_X] if reason == DECISION else None)
 
     def _enter(self) -> None:
         """Write the state that has been reached as that at which the next segment begins."""
-        solution, reached, record = self.solution, self._reached, self.solution.record
+        solution, record = self.solution, self.solution.record
         displacement, switched = self.displacement, np.zeros(0, dtype=np.int64)
         if record.segments:
             switched = np.flatnonzero((self.status != record.last_status) & (self.status != PINNED))
             if switched.size > 1:
                 displacement = solution.at_gaps(switched, displacement, self.time)
-        reached.time[0] = self.time
-        reached.displacement[:], reached.velocity[:] = displacement, self.velocity
-        reached.place[SWITCHED] = switched[0] if switched.size == 1 else -1
-        reached.gaps[:] = solution.gaps_at(self.status, displacement, self.time)
+        self._time[0], self._state[0], self._state[1] = self.time, displacement, self.velocity
+        self._run[SWITCHED] = switched[0] if switched.size == 1 else -1
+        self._gaps[:] = solution.gaps_at(self.status, displacement, self.time)
 
-    def _take_over(self, table: Table, *, decide: bool) -> None:
-        """Take over the time and the state at which the loop has stopped, and take the decision about an event."""
-        solution, reached, place, record = self.solution, self._reached, self._reached.place, self.solution.record
-        self.time = float(reached.time[0])
-        self.displacement, self.velocity = reached.displacement.copy(), reached.velocity.copy()
-        solution.gaps_now = reached.gaps.copy()
+    def _take_over(self, functions: Array | None) -> None:
+        """Take over the time and the state at which the loop has stopped; decide about an event by its functions."""
+        solution, run, record = self.solution, self._run, self.solution.record
+        self.time = float(self._time[0])
+        self.displacement, self.velocity = self._state.copy()
+        solution.gaps_now = self._gaps.copy()
         self.status = record.last_status
-        if not (decide or place[SWITCHED] >= 0):
+        if functions is None:
+            if run[SWITCHED] >= 0:
+                self.status = self.status.copy()
+                self.status[run[SWITCHED]] = record.buffers.event_status[record.events - 1]
             return
-        if not decide:
-            self.status = self.status.copy()
-            self.status[place[SWITCHED]] = record.buffers.event_status[record.events - 1]
-            return
-        assert self._space is not None
-        s = table.slots[record.status_numbers[-1], solution.exosystem.kind[place[INTERVAL]]]
-        place[LEFT] = -1
-        hits = np.flatnonzero(self._space.search.hits[: table.counts[s, 0]])
-        entered = dict(zip(table.owner[s, hits].tolist(), table.leads[s, hits].tolist(), strict=True))
+        regime = solution.regime(self.status, int(solution.exosystem.kind[run[INTERVAL]]))
+        count = regime.exits.sign.size
+        hits = np.flatnonzero(functions[HIT * count : (HIT + 1) * count])
+        entered = dict(zip(regime.exits.owner[hits].tolist(), regime.exits.leads[hits].tolist(), strict=True))
+        run[LEFT] = -1
         self.status = solution.enter(
             self.time, self.status, entered, self.displacement, self.velocity, self._pin_fraction
         )  # fmt: skip

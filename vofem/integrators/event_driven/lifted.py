@@ -3,75 +3,24 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.base import ContactSamples, Energies, Sensitivity, Truncation
+from vofem.integrators.event_driven.modal_samples import ModalSamples
 from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.system import Counters, Events
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
-
-class LiftedSamples:
-    """Samples in Ritz vectors; degrees of freedom are computed when they are first needed.
-
-    Attributes
-    ----------
-    q, v, a : ndarray, shape (n, n_times)
-    """
-
-    def __init__(self, vectors: Array, z: Array, v: Array, a: Array) -> None:
-        self._vectors = vectors
-        self._coordinates = z, v, a
-
-    @cached_property
-    def q(self) -> Array:
-        """Displacements."""
-        return self._vectors @ self._coordinates[0]
-
-    @cached_property
-    def v(self) -> Array:
-        """Velocities."""
-        return self._vectors @ self._coordinates[1]
-
-    @cached_property
-    def a(self) -> Array:
-        """Accelerations."""
-        return self._vectors @ self._coordinates[2]
-
-    def along(self, rows: Any, kind: str) -> Array:
-        """Return ``rows @ q`` (kind "q", or v, a) for rows (k, n)."""
-        return np.asarray(rows @ self._vectors) @ self._coordinates["qva".index(kind)]
-
-    def take(self, dofs: IntArray) -> LiftedSamples:
-        """Return the samples of some degrees of freedom."""
-        return LiftedSamples(self._vectors[dofs], *self._coordinates)
-
-    def last(self) -> tuple[Array, Array]:
-        """Return q and v at the last time, each (n,)."""
-        z, v, _ = self._coordinates
-        return self._vectors @ z[:, -1], self._vectors @ v[:, -1]
 
 
 class TruncatedSolution:
     """The solution of a run in Ritz vectors, given in degrees of freedom.
 
-    Attributes
-    ----------
-    reduced : EventSolution
-        The run in Ritz vectors.
-    vectors : ndarray, shape (n, count)
-        M-orthonormal.
-    truncation : Truncation
-    tolerance : float
-        Relative error of displacements that the user accepts.
-    beams : bool
-        Whether there are slopes among the degrees of freedom.
+    `reduced`: the run in Ritz vectors.
+    `vectors` (shape (n, count)): M-orthonormal.
+    `tolerance`: relative error of displacements that the user accepts.
+    `beams`: whether there are slopes among the degrees of freedom.
     """
 
     continuous = True
@@ -100,7 +49,11 @@ class TruncatedSolution:
     @property
     def modes(self) -> tuple[Array, Array]:
         """Squared frequencies (count,) and shapes (n, count) of the Ritz vectors without contacts."""
-        return self.reduced.space.stiffness, self.vectors @ self.reduced.space.shapes
+        return self.reduced.space.stiffness, self._shapes
+
+    @cached_property
+    def _shapes(self) -> Array:
+        return self.vectors @ self.reduced.space.shapes
 
     @property
     def segments(self) -> Segments:
@@ -122,10 +75,9 @@ class TruncatedSolution:
         """Growth of a perturbation along the run, in closed form."""
         return self.reduced.sensitivity
 
-    def sample(self, times: Array) -> LiftedSamples:
+    def sample(self, times: Array) -> ModalSamples:
         """Return the motion at any times."""
-        samples = self.reduced.sample(times)
-        return LiftedSamples(self.vectors, samples.q, samples.v, samples.a)
+        return self.reduced.sample(times).lifted(self.modes[1])
 
     def contacts(self, times: Array) -> ContactSamples:
         """Return status, K_eq and force of the contacts at any times."""

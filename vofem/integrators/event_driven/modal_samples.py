@@ -7,10 +7,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from vofem.arrays import Array, IntArray
 
 #: Numbers of modal samples above which only what is asked for is computed.
 _MANY = 2_000_000
@@ -20,19 +18,12 @@ class ModalSamples:
     """The motion at some times, each kind computed when it is first needed.
 
     Displacements and velocities at few times are computed as a whole, so that parts of them have the same bits. At many
-    times only those of the degrees of freedom that are asked for are computed.
+    times, or where there are fewer modes than degrees of freedom, only what is asked for is computed.
 
-    Parameters
-    ----------
-    shapes : ndarray, shape (n, n_modes)
-    z, v : ndarray, shape (n_modes, n_times)
-        Modal displacements and velocities.
-    acceleration : callable
-        Returns the modal accelerations, shape (n_modes, n_times).
-
-    Attributes
-    ----------
-    q, v, a : ndarray, shape (n, n_times)
+    `shapes` has shape (n, n_modes).
+    `z`, `v` (shape (n_modes, n_times)): modal displacements and velocities.
+    `acceleration`: returns the modal accelerations, shape (n_modes, n_times).
+    `q`, `v`, `a` have shape (n, n_times).
     """
 
     def __init__(self, shapes: Array, z: Array, v: Array, acceleration: Callable[[], Array]) -> None:
@@ -52,11 +43,30 @@ class ModalSamples:
     @cached_property
     def a(self) -> Array:
         """Accelerations, those of the equation of motion."""
-        return self._shapes @ self._acceleration()
+        return self._shapes @ self._rates
+
+    def lifted(self, shapes: Array) -> ModalSamples:
+        """Return the samples of the same modes in other degrees of freedom, by their shapes there."""
+        return ModalSamples(shapes, self._z, self._v, lambda: self._rates)
 
     def along(self, rows: Any, kind: str) -> Array:
         """Return ``rows @ q`` (kind "q", or v, a) for rows (k, n)."""
-        return np.asarray(rows @ getattr(self, kind))
+        if not self._fewer:
+            return np.asarray(rows @ getattr(self, kind))
+        return np.asarray(rows @ self._shapes) @ self._modal(kind)
+
+    @property
+    def _fewer(self) -> bool:
+        """Whether there are fewer modes than degrees of freedom."""
+        return self._shapes.shape[1] < self._shapes.shape[0]
+
+    @cached_property
+    def _rates(self) -> Array:
+        return self._acceleration()
+
+    def _modal(self, kind: str) -> Array:
+        """Return modal samples, shape (n_modes, n_times)."""
+        return {"q": self._z, "v": self._v}[kind] if kind != "a" else self._rates
 
     def take(self, dofs: IntArray) -> _Some:
         """Return the samples of some degrees of freedom."""
@@ -64,7 +74,9 @@ class ModalSamples:
 
     def last(self) -> tuple[Array, Array]:
         """Return q and v at the last time, each (n,)."""
-        return self.q[:, -1], self.v[:, -1]
+        if not self._fewer:
+            return self.q[:, -1], self.v[:, -1]
+        return self._shapes @ self._z[:, -1], self._shapes @ self._v[:, -1]
 
 
 class _Some(ModalSamples):
@@ -73,20 +85,21 @@ class _Some(ModalSamples):
     def __init__(self, whole: ModalSamples, dofs: IntArray) -> None:
         self._whole, self._dofs = whole, dofs
 
-    def _of(self, kind: str, modal: Array) -> Array:
-        whole = self._whole
-        if modal.size <= _MANY or 2 * self._dofs.size > modal.shape[0] or kind in whole.__dict__:
+    def _of(self, kind: str) -> Array:
+        whole, modal = self._whole, self._whole._modal(kind)
+        few = modal.size <= _MANY or 2 * self._dofs.size > len(whole._shapes) or kind == "a"
+        if kind in whole.__dict__ or (few and not whole._fewer):
             return np.asarray(getattr(whole, kind)[self._dofs])
         return np.asarray(whole._shapes[self._dofs] @ modal)
 
     @cached_property
     def q(self) -> Array:
-        return self._of("q", self._whole._z)
+        return self._of("q")
 
     @cached_property
     def v(self) -> Array:
-        return self._of("v", self._whole._v)
+        return self._of("v")
 
     @cached_property
     def a(self) -> Array:
-        return self._whole.a[self._dofs]
+        return self._of("a")

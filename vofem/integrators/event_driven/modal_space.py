@@ -9,14 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import SingularSystemError
 from vofem.integrators.registry import advice
 from vofem.linalg.eigen import modal_basis
 from vofem.system import Counters, System
-
-Array = NDArray[np.float64]
 
 #: Damping counts as classical while its off-diagonal part stays below this fraction.
 _CLASSICAL = 1e-13
@@ -24,30 +22,14 @@ _CLASSICAL = 1e-13
 
 @dataclass(frozen=True)
 class ModalSpace:
-    """The contact-free system in its own modes.
+    """The contact-free system in its own modes."""
 
-    Attributes
-    ----------
-    shapes : ndarray, shape (n, n)
-        Phi, M-orthonormal columns.
-    stiffness : ndarray, shape (n,)
-        omega^2, ascending; 0 for rigid motions.
-    damping : ndarray, shape (n,)
-        Diagonal part of ``Phi' C Phi`` from Rayleigh and modal damping.
-    coupling : ndarray, shape (n, n), optional
-        ``Phi' C Phi`` of the dashpots where they couple modes.
-    contacts : ndarray, shape (n_contacts, n)
-        Rows c.
-    loads : ndarray, shape (n_loads, n)
-        Modal load vectors.
-    """
-
-    shapes: Array
-    stiffness: Array
-    damping: Array
-    coupling: Array | None
-    contacts: Array
-    loads: Array
+    shapes: Array  #: Phi, M-orthonormal columns, shape (n, n).
+    stiffness: Array  #: omega^2, ascending; 0 for rigid motions. Shape (n,).
+    damping: Array  #: Diagonal part of ``Phi' C Phi`` from Rayleigh and modal damping, shape (n,).
+    coupling: Array | None  #: ``Phi' C Phi`` of the dashpots where they couple modes, shape (n, n).
+    contacts: Array  #: Rows c, shape (n_contacts, n).
+    loads: Array  #: Modal load vectors, shape (n_loads, n).
 
     @property
     def size(self) -> int:

@@ -27,7 +27,8 @@ IntArray = NDArray[np.int64]
 #: How block states follow from modal states: they are the same, by real modes, or by a matrix for whole states.
 _SAME, _REAL, _COMPLEX = 0, 1, 2
 
-#: Shares of a motion of few segments at which its size is measured, besides their ends, and what is few.
+#: Shares of a motion of few segments at which its size is measured, besides their ends, and what is few. Sliders rest
+#: at the ends of many segments.
 _INSIDE = np.array([0.13, 0.37, 0.61, 0.86])
 _FEW = 5
 
@@ -86,6 +87,8 @@ class Maps(NamedTuple):
         Stiffness and damping of the closed contacts, zero for others.
     mean_z, mean_v : ndarray, shape (s, c, n)
         Contacts' coordinates from block states.
+    carry : ndarray, shape (s, n, n)
+        Parts of modal displacements that stay where they are while sliders stick; empty without sliders.
     """
 
     kind: IntArray
@@ -101,6 +104,7 @@ class Maps(NamedTuple):
     damper: Array
     mean_z: Array
     mean_v: Array
+    carry: Array
 
 
 class Pieces(NamedTuple):
@@ -119,7 +123,9 @@ class Pieces(NamedTuple):
         See `Blocks`.
     steady : ndarray, shape (s, 2n, 2e)
         Steady answers of the blocks.
-    work, bits : ndarray, shapes (6, M) and (M,)
+    push : ndarray, shape (s, n)
+        Modal forces of sliders that slide; empty without sliders.
+    work : ndarray, shape (7, M)
         Work space.
     response : Response
     """
@@ -131,8 +137,8 @@ class Pieces(NamedTuple):
     pair: IntArray
     gain: Array
     steady: Array
+    push: Array
     work: Array
-    bits: IntArray
     response: Response
 
 
@@ -150,9 +156,10 @@ def structure(space: ModalSpace, laws: ContactLaws | None, vectors: Array, loads
 
 
 def maps(
-    space: ModalSpace, laws: ContactLaws | None, statuses: Sequence[IntArray], spectra: Sequence[Spectrum]
-) -> Maps:
-    """Return the blocks of some statuses."""
+    space: ModalSpace, laws: ContactLaws | None, statuses: Sequence[IntArray], spectra: Sequence[Spectrum],
+    carries: Sequence[Array | None],
+) -> Maps:  # fmt: skip
+    """Return the blocks of some statuses, given what stays where it is while sliders stick."""
     n, s, c = space.size, len(statuses), space.contacts.shape[0]
     wide = 2 * n if any(spectrum.blocks is not None for spectrum in spectra) else 0
     found = Maps(
@@ -169,6 +176,7 @@ def maps(
         damper=np.zeros((s, c)),
         mean_z=np.zeros((s, c, n)),
         mean_v=np.zeros((s, c, n)),
+        carry=np.zeros((s, n, n) if any(carry is not None for carry in carries) else (0, 0, 0)),
     )
     for k, (status, spectrum) in enumerate(zip(statuses, spectra, strict=True)):
         real, m = spectrum.real, spectrum.p.size
@@ -195,6 +203,8 @@ def maps(
             found.held[k, : pinned.shape[0]] = np.linalg.qr(pinned.T)[0].T
             assert real.shift is not None
             found.shift[k] = real.shift
+        if (carry := carries[k]) is not None:
+            found.carry[k] = carry
     return found
 
 
@@ -208,7 +218,9 @@ def pieces(regimes: Sequence[Regime], loads: Exosystem, n: int) -> Pieces:
         of[k, :, : e + m], pairs[k] = blocks.of, blocks.pair.shape[0]
         pair[k, : pairs[k]], gain[k, : pairs[k]] = blocks.pair, blocks.gain
         steady[k, :, :m] = regime.answers.steady.reshape(2, m, 2 * e)
-    work, bits = np.empty((6, e + n)), np.zeros(e + n, dtype=np.int64)
+    push = np.zeros((0, n))
+    if regimes[0].sliding is not None:
+        push = np.array([regime.sliding.pushes.sources[:, 0] for regime in regimes if regime.sliding is not None])
     return Pieces(
         loads.at(np.zeros(1))[0],
         loads.omega[0],
@@ -217,8 +229,8 @@ def pieces(regimes: Sequence[Regime], loads: Exosystem, n: int) -> Pieces:
         pair,
         gain,
         steady.reshape(s, 2 * n, 2 * e),
-        work,
-        bits,
+        push,
+        np.empty((7, e + n)),
         response(False),
     )
 
@@ -286,9 +298,9 @@ def _block_changes(
     r = loads.pairs[s]
     of, pair, gain = loads.of[s], loads.pair[s, :r], loads.gain[s, :r]
     if groups is None:
-        change(Blocks(of, pair, gain, None, loads.work, loads.bits, loads.response), begin, tau, moved)
+        change(Blocks(of, pair, gain, None, loads.work, loads.response), begin, tau, moved)
     else:
-        change(Blocks(of, pair, gain, groups[s], loads.work, loads.bits, loads.response), begin, tau, moved)
+        change(Blocks(of, pair, gain, groups[s], loads.work, loads.response), begin, tau, moved)
     steady = _answered(loads.steady[s], moved[:, :e])
     return (moved[0, e:] + steady[:n]).reshape(n, 1), (moved[1, e:] + steady[n:]).reshape(n, 1)
 
@@ -300,6 +312,8 @@ def _rates(structure: Structure, maps: Maps, loads: Pieces, s: int, time: float,
     force = -structure.stiffness * z - structure.damping * v
     for j in range(w.shape[1]):
         force += w[0, j] * structure.sources[j]
+    if loads.push.shape[0]:
+        force += loads.push[s]
     if structure.coupling.size:
         force -= structure.coupling @ v
     for j in range(structure.gap.size):
@@ -314,7 +328,7 @@ def _rates(structure: Structure, maps: Maps, loads: Pieces, s: int, time: float,
 
 
 @jit
-def _turned(delta: Array, p: Array, t: float, z: Array, v: Array) -> tuple[Array, Array]:
+def turned(delta: Array, p: Array, t: float, z: Array, v: Array) -> tuple[Array, Array]:
     """Return free block states, each (n, k), after a time."""
     after_z, after_v = np.empty_like(z), np.empty_like(v)
     for i in range(p.size):
@@ -325,7 +339,7 @@ def _turned(delta: Array, p: Array, t: float, z: Array, v: Array) -> tuple[Array
     return after_z, after_v
 
 
-@plain_form(_turned)
+@plain_form(turned)
 def _turned_at_once(delta: Array, p: Array, t: float, z: Array, v: Array) -> tuple[Array, Array]:
     """Do what `_turned` does, for all blocks at once."""
     c, s = np.empty((p.size, 1)), np.empty((p.size, 1))
@@ -377,9 +391,12 @@ def _columns_after(
 ) -> tuple[Array, Array]:
     """Return columns (2n, k) at a fixed time after a duration, and the mean rates of the contacts in them, (c, k)."""
     n = columns.shape[0] // 2
-    z, v = _into_blocks(maps, s, columns[:n].copy(), columns[n:].copy())
+    first = columns[:n].copy()
+    if maps.carry.shape[0]:
+        first -= maps.carry[s] @ columns[:n].copy()
+    z, v = _into_blocks(maps, s, first, columns[n:].copy())
     delta, p = maps.delta[s], maps.p[s]
-    after_z, after_v = _turned(delta, p, duration, z, v)
+    after_z, after_v = turned(delta, p, duration, z, v)
     if duration != 0.0:
         turn, sine = _mean_weights(delta, p, duration)
     else:
@@ -392,6 +409,8 @@ def _columns_after(
     else:
         rows = _columns_of_group(groups[s], duration, (z, v), (after_z, after_v), (weight_z, weight_v), maps, s)
     after_z, after_v = _out_of_blocks(maps, s, after_z, after_v)
+    if maps.carry.shape[0]:
+        after_z = after_z + maps.carry[s] @ columns[:n].copy()
     return np.concatenate((after_z, after_v)), rows
 
 
@@ -435,11 +454,14 @@ def pass_segments(
     for i in range(m):
         s, h = status[i], durations[i]
         z, v = state[:n].copy(), state[n:].copy()
-        block_z, block_v = _into_blocks(maps, s, (z - maps.shift[s]).reshape(n, 1), v.reshape(n, 1))
+        shifted = maps.shift[s]
+        if maps.carry.shape[0]:
+            shifted = shifted + maps.carry[s] @ z
+        block_z, block_v = _into_blocks(maps, s, (z - shifted).reshape(n, 1), v.reshape(n, 1))
         pinned = np.any(maps.held[s] != 0.0)
         if pinned:
             held_z, held_v = _out_of_blocks(maps, s, block_z, block_v)
-            z, v = held_z[:, 0] + maps.shift[s], held_v[:, 0].copy()
+            z, v = held_z[:, 0] + shifted, held_v[:, 0].copy()
         starts[i, :n], starts[i, n:] = z, v
         first = _rates(structure, maps, loads, s, time, z, v)
         change_z, change_v = _block_changes(loads, groups, s, block_z, block_v, time, h)
@@ -451,7 +473,7 @@ def pass_segments(
         ends[i, :n], ends[i, n:] = last_z, last_v
         sizes[0] = max(sizes[0], np.sqrt(np.sum(last_z * last_z)))
         sizes[1] = max(sizes[1], np.sqrt(np.sum(last_v * last_v)))
-        if m < _FEW:
+        if m < _FEW or loads.push.shape[0]:
             for share in _INSIDE:
                 more_z, more_v = _block_changes(loads, groups, s, block_z, block_v, time, share * h)
                 more_z, more_v = _out_of_blocks(maps, s, more_z, more_v)

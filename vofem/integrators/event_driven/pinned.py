@@ -25,32 +25,26 @@ PIN_FRACTION = 1e-7
 
 
 class Reactions(NamedTuple):
-    """Reactions of the pinned contacts of a status, ``A x + B x' + L f``.
+    """Reactions of the pinned contacts of a status, ``A x + B x' + S f - R``, with f the modal forces of the loads.
 
     Attributes
     ----------
     displacement, velocity : ndarray, shape (k, m)
         A and B over the real modes x of the status.
-    loads : ndarray, shape (k, e)
-        L over the values of the loads.
-    row : ndarray, shape (k, 2M)
-        The reactions as rows over all blocks.
+    share : ndarray, shape (k, n)
+        S.
+    shift : ndarray, shape (k,)
+        R.
     """
 
     displacement: Array
     velocity: Array
-    loads: Array
-    row: Array
+    share: Array
+    shift: Array
 
 
-def reactions(space: ModalSpace, laws: ContactLaws, status: Status, spectrum: Spectrum, sources: Array) -> Reactions:
-    """Return the reactions that keep the pinned contacts of a status at their gaps, but for their rows over blocks.
-
-    Parameters
-    ----------
-    sources : ndarray, shape (n, e)
-        Modal forces of the loads, the constant one first.
-    """
+def reactions(space: ModalSpace, laws: ContactLaws, status: Status, spectrum: Spectrum) -> Reactions:
+    """Return the reactions that keep the pinned contacts of a status at their gaps."""
     real = spectrum.real
     rows = real.pinned
     assert real.shift_reaction is not None
@@ -59,9 +53,7 @@ def reactions(space: ModalSpace, laws: ContactLaws, status: Status, spectrum: Sp
     closed = (status == CLOSED) & (laws.damping > 0)
     touching = space.contacts[closed]
     damped = damped + touching.T @ (laws.damping[closed, None] * (touching @ share.T))
-    loads = share @ sources
-    loads[:, 0] -= real.shift_reaction
-    return Reactions(-real.force, -real.down(damped).T, loads, np.zeros((0, 0)))
+    return Reactions(-real.force, -real.down(damped).T, share, real.shift_reaction)
 
 
 def may_pin(space: ModalSpace, laws: ContactLaws, contact: int, velocity: Array, fraction: float) -> bool:

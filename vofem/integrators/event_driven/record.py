@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.event_driven.segment import Segments
 from vofem.system import Events
 
-Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 #: Rows of the arrays of a new record.
@@ -18,31 +18,18 @@ _FIRST_ROWS = 32
 
 
 class Buffers(NamedTuple):
-    """The arrays of a record with room for more rows, as compiled code fills them.
+    """The arrays of a record with room for more rows, as compiled code fills them."""
 
-    Attributes
-    ----------
-    starts, durations : ndarray, shape (rows,)
-        Start times and durations of the segments in s.
-    status : ndarray of int, shape (rows,)
-        Number of the contact status in `Record.statuses`.
-    displacement, velocity : ndarray, shape (rows, n)
-        Modal states at the start of the segments.
-    gaps : ndarray, shape (rows, n_contacts)
-        Gap functions at the start, m.
-    event_time : ndarray, shape (event_rows,)
-        Times of the events in s.
-    event_contact, event_status : ndarray of int, shape (event_rows,)
-        The contact and the status that it takes.
-    """
-
+    #: `starts`, `durations`: start times and durations of the segments in s, shape (rows,).
     starts: Array
     durations: Array
-    status: Status
+    status: Status  #: Number of the contact status in `Record.statuses`, shape (rows,).
+    #: `displacement`, `velocity`: modal states at the start of the segments, shape (rows, n).
     displacement: Array
     velocity: Array
-    gaps: Array
-    event_time: Array
+    gaps: Array  #: Gap functions at the start, m, shape (rows, n_contacts).
+    event_time: Array  #: Times of the events in s, shape (event_rows,).
+    #: `event_contact`, `event_status`: the contact and the status that it takes, shape (event_rows,).
     event_contact: Status
     event_status: Status
 
@@ -50,17 +37,9 @@ class Buffers(NamedTuple):
 class Record:
     """Segments and events of a run, in order of time.
 
-    Parameters
-    ----------
-    size, contacts : int
-        Numbers of modes and of contacts.
-
-    Attributes
-    ----------
-    segments, events : int
-        How many rows are in use. A segment that is being computed has a row without a duration.
-    statuses : list of ndarray of int, shape (n_contacts,)
-        All contact statuses so far, in the order in which they occurred.
+    `size`, `contacts`: numbers of modes and of contacts.
+    `segments`, `events`: how many rows are in use. A segment that is being computed has a row without a duration.
+    `statuses` (shape (n_contacts,)): all contact statuses so far, in the order in which they occurred.
     """
 
     def __init__(self, size: int, contacts: int) -> None:

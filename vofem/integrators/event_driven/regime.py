@@ -10,7 +10,7 @@ The columns of B belong to the values of the loads and, after them, to their rat
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.blocks import Blocks, blocks_of, changes, row_changes
 from vofem.integrators.event_driven.clusters import group_of
-from vofem.integrators.event_driven.exosystem import CONSTANT
-from vofem.integrators.event_driven.pinned import Reactions, reactions
-from vofem.integrators.event_driven.spectrum import Spectrum
-from vofem.system import CLOSED, OPEN, PINNED, ContactLaws
+from vofem.integrators.event_driven.exosystem import Exosystem, Kind
+from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
+from vofem.integrators.event_driven.unloaded import Exits, Unloaded
+from vofem.system import CLOSED, PINNED, ContactLaws, Counters, System
 
 if TYPE_CHECKING:
     from vofem.integrators.event_driven.modal_space import ModalSpace
@@ -30,6 +30,12 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+#: Linear pieces that are kept with an eigensystem, and only one in systems of more modes than these.
+_MOST_REGIMES, _FEW_MODES = 8, 300
+
+#: Numbers of states up to which a motion is sampled at all times at once.
+_FEW_NUMBERS = 2000
 
 #: A harmonic counts as resonant where the steady answer would exceed ten times the static one.
 RESONANT = 0.1
@@ -53,98 +59,141 @@ class Answers(NamedTuple):
     apart: NDArray[np.bool_]
 
 
-def answers(
-    spectrum: Spectrum, sources: Array, omega: Array, horizon: float, bend: Integers | None = None,
-    rates: Array | None = None,
-) -> Answers:  # fmt: skip
+def answers(base: Unloaded, kind: Kind, horizon: float, pushes: Pushes | None = None) -> Answers:
     """Return what the blocks of a status do under loads of some frequencies.
+
+    Those under lines depend on no frequency and are kept with the status.
 
     Parameters
     ----------
-    sources : ndarray, shape (n, e)
-        Modal forces of the loads.
-    omega : ndarray, shape (e,)
-        Frequencies in rad/s, 0 for lines.
-    bend : ndarray of int, shape (e,), optional
-        See `Exosystem`.
-    rates : ndarray, shape (n, e), optional
-        Modal forces of the loads' rates.
     horizon : float
         Longest time in s for which a motion is computed. A block that is slower than that is treated as rigid.
+    pushes : Pushes, optional
+        What sliders add to the loads.
     """
-    m, e = spectrum.p.size, omega.size
-    delta, p = spectrum.delta[:, None], spectrum.p[:, None]
-    line, slow = omega == 0.0, p * horizon**2 < 1.0
+    spectrum, m, down = base.spectrum, base.spectrum.p.size, base.spectrum.real.down
+    e, lines, waves = kind.omega.size, kind.lines, kind.waves
+
+    def of_lines() -> Answers:
+        # The second derivatives that bend lines stand before all waves.
+        forces, rates = _columns(base.local, kind.function[lines] + 1)
+        if pushes is not None:
+            forces, rates = forces + down(pushes.sources[:, lines]), down(pushes.rates[:, lines])
+        return _to_lines(spectrum, forces, rates, kind.bend[lines], horizon)
+
+    key = horizon, kind.key_of_lines
+    if pushes is not None:
+        found = of_lines()
+    else:
+        if key not in base.lines:
+            base.lines[key] = of_lines()
+        found = base.lines[key]
+    if not waves.size:
+        return found
+    values, rates = _columns(base.inputs, kind.function[waves] + 1)
+    if pushes is not None:
+        values = values + spectrum.real_inputs(down(pushes.sources[:, waves]))
+        rates = spectrum.real_inputs(down(pushes.rates[:, waves]))
+    steady, drive, apart = np.empty((2 * m, 2, e)), np.zeros((2 * m, 2, e)), np.empty((m, e), dtype=bool)
+    apart[:, lines], apart[:, waves] = (
+        found.apart,
+        _add_waves(spectrum, waves, kind.omega[waves], horizon, (values, rates), (steady, drive)),
+    )
+    steady[:, :, lines] = found.steady.reshape(2 * m, 2, lines.size)
+    if found.drive.any():
+        drive[:, :, lines] = found.drive.reshape(2 * m, 2, lines.size)
+    return Answers(steady.reshape(2 * m, 2 * e), drive.reshape(2 * m, 2 * e), apart)
+
+
+def _columns(parts: tuple[Array, Array | None], function: Integers) -> tuple[Array, Array | None]:
+    """Return the columns of some functions, counted from the constant 1."""
+    values, rates = parts
+    return values[:, function], None if rates is None else rates[:, function]
+
+
+def _add_waves(
+    spectrum: Spectrum, waves: Integers, omega: Array, horizon: float, inputs: tuple[Array, Array | None],
+    into: tuple[Array, Array],
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Write the answers to harmonics and their drive, each (2m, 2, e); return the pairs without an answer, (m, waves).
+
+    The inputs by values and rates of the harmonics are of shape (2m, waves).
+    """
+    (values, rates), (steady, drive), m = inputs, into, spectrum.p.size
+    delta, p, turns = spectrum.delta[:, None], spectrum.p[:, None], 1j * omega
+    impedance = p - omega**2 + 2.0 * delta * turns
+    apart = np.abs(impedance) < RESONANT * np.maximum(p, omega**2)
+    apart |= (p * horizon**2 < 1.0) & (omega * horizon < 1.0)
+    driven = apart if spectrum.plain is None else apart | (spectrum.plain[:, None] == 0.0)
+    both = values if rates is None else values + turns * rates
+    if driven.any():
+        impedance[driven] = 1.0
+        left = np.concatenate([driven, driven])
+        drive[:, 0, waves] = values * left
+        if rates is not None:
+            drive[:, 1, waves] = rates * left
+        both = both * ~left
+    z = ((2.0 * delta + turns) * both[:m] + both[m:]) / impedance
+    v = turns * z - both[:m]
+    # The rate of a harmonic is its imaginary part.
+    steady[:m, 0, waves], steady[m:, 0, waves] = z.real, v.real
+    steady[:m, 1, waves], steady[m:, 1, waves] = z.imag / omega, v.imag / omega
+    return apart
+
+
+def _to_lines(spectrum: Spectrum, forces: Array, rates: Array | None, bend: Integers, horizon: float) -> Answers:
+    """Return what blocks do under lines, given the forces on real modes by their values and rates, each (m, e)."""
+    m, e = forces.shape
+    p = spectrum.p[:, None]
     steady, drive = np.zeros((2 * m, 2 * e)), np.zeros((2 * m, 2 * e))
-    force = spectrum.real.down(sources)
-    rest, more = _static(spectrum, force, line, horizon, steady)
+    rest, more = _static(spectrum, forces, horizon, steady)
     if rates is not None:
-        more = more + spectrum.real.down(rates)
+        more = more + rates
     drive[:, :e], drive[:, e:] = spectrum.real_inputs(rest), spectrum.real_inputs(more)
-    impedance = p - omega**2 + 2j * delta * omega
-    apart = (slow & (omega * horizon < 1.0)) | (np.abs(impedance) < RESONANT * np.maximum(p, omega**2))
-    plain = np.ones((m, 1), dtype=bool) if spectrum.plain is None else spectrum.plain[:, None] > 0.0
-    answered = plain & ~apart
-    _answer(drive, steady, spectrum, omega, answered, rates is not None)
-    bent = np.flatnonzero(bend >= 0) if bend is not None else np.zeros(0, dtype=np.int64)
+    slow = p * horizon**2 < 1.0
+    answered = ~slow if spectrum.plain is None else (spectrum.plain[:, None] > 0.0) & ~slow
+    known = np.tile(answered, (2, 1))
+    steady += _static_of_blocks(spectrum, drive * known, answered)
+    bent = np.flatnonzero(bend >= 0)
     if bent.size:
         # The answer to the rate of a line that is bent changes with the line's second derivative.
-        assert bend is not None
-        more, others = np.zeros((2 * m, 2 * bent.size)), np.zeros((2 * m, 2 * bent.size))
+        more = np.zeros((2 * m, 2 * bent.size))
         more[:, : bent.size] = -steady[:, e + bent]
-        known = answered[:, bend[bent]]
-        _answer(more, others, spectrum, omega[bend[bent]], known, False)
         columns = np.concatenate([bend[bent], e + bend[bent]])
-        steady[:, columns], drive[:, columns] = others, more
-    drive[np.tile(answered, (2, 2))] = 0.0
-    return Answers(steady, drive, apart)
+        steady[:, columns], drive[:, columns] = _static_of_blocks(spectrum, more * known, answered), more
+    drive[known[:, 0]] = 0.0
+    return Answers(steady, drive, np.repeat(slow, e, axis=1))
 
 
-def _answer(
-    drive: Array, steady: Array, spectrum: Spectrum, omega: Array, answered: NDArray[np.bool_], braked: bool
-) -> None:  # fmt: skip
-    """Add the steady answers of blocks that have one to inputs by values and rates of loads, (2m, 2e), to `steady`.
-
-    `answered` is of shape (m, e); `braked` says whether rates of harmonics are inputs too.
-    """
-    m, e = spectrum.p.size, omega.size
-    delta, p, line = spectrum.delta[:, None], spectrum.p[:, None], omega == 0.0
-    safe = np.where(answered, p - omega**2 + 2j * delta * omega, 1.0)
-    g1, g2 = drive[:m, :e] * answered, drive[m:, :e] * answered
-    h1, h2 = drive[:m, e:] * answered, drive[m:, e:] * answered
-    w1, w2 = (g1 + 1j * omega * h1, g2 + 1j * omega * h2) if braked else (g1, g2)
-    z = ((2.0 * delta + 1j * omega) * w1 + w2) / safe
-    v = 1j * omega * z - w1
-    steady[:m, :e] += z.real
-    steady[m:, :e] += v.real
-    # The rate of a harmonic is its imaginary part; a line that rises has the answer to its value, and one more.
-    frequency = np.where(line, 1.0, omega)
-    later = z.real - h1
-    last = (h2 - 2.0 * delta * later - v.real) / np.where(line & answered, p, 1.0)
-    steady[:m, e:] += np.where(line, last * answered, z.imag / frequency)
-    steady[m:, e:] += np.where(line, later * answered, v.imag / frequency)
+def _static_of_blocks(spectrum: Spectrum, inputs: Array, answered: NDArray[np.bool_]) -> Array:
+    """Return the answers (2m, 2e) of blocks to inputs by values and rates of lines, which are zero for some, (m, 1)."""
+    e = inputs.shape[1] // 2
+    delta, safe = spectrum.delta[:, None], np.where(answered, spectrum.p[:, None], 1.0)
+    (g1, g2), (h1, h2) = (np.split(part, 2) for part in (inputs[:, :e], inputs[:, e:]))
+    z = (2.0 * delta * g1 + g2) / safe
+    # A line that rises has the answer to its value, and one more.
+    later = z - h1
+    return np.block([[z, (h2 - 2.0 * delta * later + g1) / safe], [-g1, later]])
 
 
-def _static(
-    spectrum: Spectrum, force: Array, line: NDArray[np.bool_], horizon: float, steady: Array
-) -> tuple[Array, Array]:
+def _static(spectrum: Spectrum, force: Array, horizon: float, steady: Array) -> tuple[Array, Array]:
     """Add the static answers of complex modes to lines; return the forces left, by values and rates, each (m, e).
 
     The force of a stiff contact behind a gap is so large that its rounding would spoil slow blocks. Its static
     displacement is small and does not.
     """
-    more = np.zeros_like(force)
-    if spectrum.blocks is None or not line.any():
-        return force, more
+    nothing = np.zeros_like(force)
+    if spectrum.blocks is None:
+        return force, nothing
     assert spectrum.damping is not None
     p = spectrum.real.p[:, None]
-    fast, nothing = p * horizon**2 >= 1.0, np.zeros_like(force)
+    fast = p * horizon**2 >= 1.0
     safe = np.where(fast, p, 1.0)
-    rate = np.where(fast & line, force / safe, 0.0)
+    rate = np.where(fast, force / safe, 0.0)
     braked = -spectrum.damping @ rate
     late = np.where(fast, braked / safe, 0.0)
     steady += spectrum.blocks.into @ np.block([[rate, late], [nothing, rate]])
-    return np.where(fast & line, 0.0, force), np.where(fast, 0.0, braked)
+    return np.where(fast, 0.0, force), np.where(fast, 0.0, braked)
 
 
 class MovingStops(NamedTuple):
@@ -184,78 +233,61 @@ def drift_of(laws: ContactLaws | None, function: Integers, functions: int) -> Ar
     return np.where(number >= 0, weights[:, np.maximum(number, 0)], 0.0)
 
 
-def moving_stops(
-    space: ModalSpace, laws: ContactLaws | None, status: Integers, function: Integers, functions: int
-) -> MovingStops | None:
-    """Return the contacts that bases move in a status; see `drift_of`."""
-    drift = drift_of(laws, function, functions)
-    if drift is None:
-        return None
-    assert laws is not None
-    closed = status == CLOSED
-    return MovingStops(
-        space.contacts, drift, np.where(closed, laws.stiffness, 0.0), np.where(closed, laws.damping, 0.0), laws.offset
-    )
-
-
 @dataclass(frozen=True)
 class Regime:
     """A contact status under loads of one kind.
 
     Attributes
     ----------
-    spectrum : Spectrum
+    base : Unloaded
+        The status itself.
+    kind : Kind
+        The loads.
     answers : Answers
     blocks : Blocks
-    levels : ndarray of int
-        Numbers of blocks at which the frequency has grown by another factor; the last is all blocks.
-    mixed : bool
-        Whether rows have velocities of the blocks of the structure.
-    rows, sizes : ndarray, shape (k, 2, M)
-        Event functions as rows over the blocks, and bounds on their terms. They are negative until an event.
-    sign : ndarray, shape (k,)
-        Sign of the gap function that an event function is; 0 for reactions, which are their rows at any time.
-    level : ndarray, shape (k,)
-        Size of the constants in the event functions.
-    owner, leads : ndarray of int, shape (k,)
-        The contact of each event function, and the status to which it leads.
-    coordinates : ndarray, shape (n_contacts, 2M)
-        The contacts' coordinates, but for their shift, as rows.
-    reactions : Reactions, optional
-        Reactions of the pinned contacts; None where none is pinned.
-    vectors : ndarray, shape (n_functions, n)
-        Modal load vectors.
-    function : ndarray of int, shape (e,)
-        The function that each load is a part of.
     horizon : float
         Longest time in s for which a motion is computed.
     stops : MovingStops, optional
         Contacts that the motion of bases moves; None where there are none.
-    bend : ndarray of int, shape (e,)
-        See `Exosystem`.
-    sliding : SlidingPiece, optional
-        Sliders; None where there are none.
+    sliders : Sliders, optional
+        Those that are the last rows of the contacts.
+    pushes : Pushes, optional
+        What they add to the loads.
     """
 
-    spectrum: Spectrum
+    base: Unloaded
+    kind: Kind
     answers: Answers
     blocks: Blocks
-    levels: Integers
-    mixed: bool
-    rows: Array
-    sizes: Array
-    sign: Array
-    level: Array
-    owner: Integers
-    leads: Integers
-    coordinates: Array
-    reactions: Reactions | None
-    vectors: Array
-    function: Integers
     horizon: float
-    stops: MovingStops | None
-    bend: Integers
-    sliding: SlidingPiece | None = None
+    stops: MovingStops | None = None
+    sliders: Sliders | None = None
+    pushes: Pushes | None = None
+
+    @property
+    def spectrum(self) -> Spectrum:
+        """The eigensystem of the status."""
+        return self.base.spectrum
+
+    @property
+    def function(self) -> Integers:
+        """The function that each load is a part of, shape (e,)."""
+        return self.kind.function
+
+    @property
+    def bend(self) -> Integers:
+        """What bends each load, shape (e,), see `Exosystem`."""
+        return self.kind.bend
+
+    @property
+    def vectors(self) -> Array:
+        """Modal load vectors, shape (n_functions, n)."""
+        return self.base.vectors
+
+    @property
+    def levels(self) -> Integers:
+        """Numbers of blocks at which the frequency has grown by another factor; the last is all blocks."""
+        return self.loads + self.spectrum.levels
 
     @property
     def loads(self) -> int:
@@ -265,7 +297,70 @@ class Regime:
     @property
     def held(self) -> bool:
         """Whether contacts are pinned."""
-        return self.reactions is not None
+        return self.base.quantities.reactions is not None
+
+    @cached_property
+    def _quantities(self) -> Array:
+        """Coordinates of the contacts, without their shift, and reactions as rows, shape (c + pinned, 2, M)."""
+        base, e = self.base, self.loads
+        own = base.quantities.rows
+        k, c = len(own), len(base.space.contacts)
+        loads = (flat(own) @ self.answers.steady).reshape(k, 2, e)
+        if self.stops is not None:
+            loads[:c, 0] += self.stops.drift
+        if self.pushes is not None:
+            assert self.sliders is not None
+            loads[:c, 0] += base.space.contacts @ self.pushes.carried
+            loads[self.sliders.first : c, 0] -= self.pushes.anchors
+        force = base.quantities.reactions
+        if force is not None:
+            (values, rates), column = base.forces, self.function + 1
+            loads[c:, 0] += force.share @ values[:, column]
+            loads[c:, 0, 0] -= force.shift
+            if self.pushes is not None:
+                loads[c:, 0] += self.pushes.reaction + force.share @ self.pushes.sources
+                loads[c:, 1] += force.share @ self.pushes.rates
+            elif rates is not None:
+                loads[c:, 1] += force.share @ rates[:, column]
+        return np.concatenate([loads, own], axis=2)
+
+    @cached_property
+    def coordinates(self) -> Array:
+        """The contacts' coordinates, but for their shift, as rows, shape (n_contacts, 2M)."""
+        return flat(self._quantities[: len(self.base.space.contacts)])
+
+    @cached_property
+    def reactions(self) -> Array:
+        """The reactions of the pinned contacts as rows, shape (k, 2M)."""
+        return flat(self._quantities[len(self.base.space.contacts) :])
+
+    @cached_property
+    def _sizes(self) -> Array:
+        """Bounds on the terms of `_quantities`."""
+        return np.concatenate([np.abs(self._quantities[:, :, : self.loads]), self.base.quantities.sizes], axis=2)
+
+    @cached_property
+    def exits(self) -> Exits:
+        """The event functions."""
+        of, exits, e = self.base.quantities, self.base.exits, self.loads
+        loads = of.factor[:, None, None] * self._quantities[of.number, :, :e]
+        if of.upper.any():
+            loads[:, 0, 0] -= of.upper
+        exits = exits._replace(
+            rows=np.concatenate([loads, exits.rows], axis=2),
+            sizes=np.concatenate([self._sizes[of.number, :, :e], exits.sizes], axis=2),
+        )
+        return exits if self.sliding is None else _with_sliders(self, exits)
+
+    @cached_property
+    def mixed(self) -> bool:
+        """Whether exits have velocities of the blocks of the structure."""
+        return bool(np.any(self.exits.rows[:, 1, self.loads :]))
+
+    @cached_property
+    def sliding(self) -> SlidingPiece | None:
+        """Sliders; None where there are none."""
+        return None if self.sliders is None else _sliding(self)
 
     @cached_property
     def load_rows(self) -> Array:
@@ -302,8 +397,8 @@ class Regime:
 
     def begin(self, displacement: Array, velocity: Array, w: Array) -> Array:
         """Return the states of all blocks, shape (k, 2, M), of modal states (k, n) under loads (k, 2, e)."""
-        if self.sliding is not None:
-            carried = self.sliding.pushes.carried.T
+        if self.pushes is not None:
+            carried = self.pushes.carried.T
             displacement, velocity = displacement - w[:, 0] @ carried, velocity - w[:, 1] @ carried
         y = np.concatenate(self.spectrum.to_blocks(displacement.T, velocity.T)).T
         y = y - flat(w) @ self.answers.steady.T
@@ -314,8 +409,8 @@ class Regime:
         e, m = self.loads, self.spectrum.p.size
         y = flat(states[:, :, e:]) + flat(states[:, :, :e]) @ self.answers.steady.T
         x, rate = self.spectrum.to_modes(y[:, :m].T, y[:, m:].T, shifted=shifted)
-        if self.sliding is not None:
-            carried = self.sliding.pushes.carried
+        if self.pushes is not None:
+            carried = self.pushes.carried
             return (x + carried @ states[:, 0, :e].T).T, (rate + carried @ states[:, 1, :e].T).T
         return x.T, rate.T
 
@@ -370,7 +465,7 @@ class Motion:
     def sampled(self, rows: Array, low: float, high: float, count: int) -> tuple[Array, Array, Array]:
         """Return times, at least so many equal steps, and modal rows (k, n) of displacements and velocities there."""
         blocks, over = self.regime.blocks, self.regime.over_blocks(rows)
-        fine = max(int(np.sqrt(count)), 1) if blocks.group is None else 1
+        fine = max(int(np.sqrt(count)), 1) if blocks.group is None and count * blocks.of.shape[1] > _FEW_NUMBERS else 1
         tau = np.linspace(low, high, -(-count // fine) * fine + 1)
         changes = flat(self.changes(tau[::fine]))
         values = over @ changes.T
@@ -386,9 +481,8 @@ class Motion:
 
     def reactions(self, tau: Array) -> Array:
         """Return the reactions of the pinned contacts at some times, shape (k, n_times)."""
-        assert self.regime.reactions is not None
         states = self.start + self.changes(tau)
-        return np.asarray(self.regime.reactions.row @ flat(states).T)
+        return np.asarray(self.regime.reactions @ flat(states).T)
 
     def modes(self, tau: Array) -> tuple[Array, Array]:
         """Return modal displacements and velocities, each of shape (n, n_times)."""
@@ -404,157 +498,160 @@ def start_motion(regime: Regime, displacement: Array, velocity: Array, w: Array)
     return Motion(regime, displacement, velocity, start[0])
 
 
-def regime_of(
-    spectrum: Spectrum, space: ModalSpace, laws: ContactLaws | None, status: Integers, row_sizes: Array,
-    vectors: Array, load: tuple[Integers, Array, Integers], horizon: float, sliders: Sliders | None = None,
-) -> Regime:  # fmt: skip
+def regime_of(base: Unloaded, kind: Kind, horizon: float, sliders: Sliders | None = None) -> Regime:
     """Return a contact status under loads.
 
     Parameters
     ----------
-    row_sizes : ndarray, shape (n_contacts, n)
-        Bounds on the terms that the modal rows of the contacts are summed of.
-    vectors : ndarray, shape (n_functions, n)
-        Modal load vectors.
-    load : (ndarray of int, ndarray, ndarray of int)
-        Functions and frequencies of the loads, and what bends them, see `Exosystem`.
     horizon : float
         Longest time in s for which a motion is computed.
     sliders : Sliders, optional
-        Those that are the last rows of `space.contacts`.
+        Those that are the last rows of the contacts.
     """
-    function, omega, bend = load
-    m, e, n = spectrum.p.size, omega.size, space.size
-    sources, stops = np.zeros((n, e)), moving_stops(space, laws, status, function, vectors.shape[0])
-    sources[:, function >= 0] = vectors[function[function >= 0]].T
-    if laws is not None and CONSTANT in function[:1]:
-        push = (laws.stiffness * laws.offset * (status == CLOSED)) @ space.contacts
-        sources[:, 0] = push if spectrum.real.shift_force is None else push + spectrum.real.shift_force
-    rates = None
-    if stops is not None:
-        sources -= stops.rows.T @ (stops.stiffness[:, None] * stops.drift)
-        rates = -stops.rows.T @ (stops.damping[:, None] * stops.drift)
-    pushes = None
+    spectrum, function, omega, bend = base.spectrum, kind.function, kind.omega, kind.bend
+    stops, pushes = None, None
+    drift = drift_of(base.laws, function, len(base.vectors))
+    if drift is not None:
+        assert base.laws is not None
+        closed = base.status == CLOSED
+        stops = MovingStops(
+            base.space.contacts, drift, np.where(closed, base.laws.stiffness, 0.0),
+            np.where(closed, base.laws.damping, 0.0), base.laws.offset,
+        )  # fmt: skip
     if sliders is not None:
-        assert laws is not None
-        pushes = sliders.pushes(space, laws, status, spectrum, function, omega, bend)
-        sources, rates = sources + pushes.sources, pushes.rates
-    found = answers(spectrum, sources, omega, horizon, bend, rates)
-    driven = found.drive.reshape(2, m, 2, e)
-    members = np.zeros(m, dtype=bool) if spectrum.plain is None else spectrum.plain == 0.0
-    pair = np.argwhere(np.any(driven, axis=(0, 2)) & ~members[:, None])
-    gain = np.ascontiguousarray(driven[:, pair[:, 0], :, pair[:, 1]].reshape(len(pair), 4))
-    bent = np.flatnonzero(bend >= 0)
-    pairs = np.concatenate([
-        np.column_stack([bent, bend[bent], np.full(bent.size, -2)]),
-        np.column_stack([e + pair[:, 0], pair[:, 1], bend[pair[:, 1]]]),
-    ])  # fmt: skip
-    gain = np.concatenate([np.tile([0.0, 0.0, 1.0, 0.0], (bent.size, 1)), gain])
+        assert base.laws is not None
+        pushes = sliders.pushes(base.space, base.laws, base.status, spectrum, function, omega, bend)
+    found = answers(base, kind, horizon, pushes)
+    m, e = spectrum.p.size, omega.size
+    pair, gain, bent = np.zeros((0, 3), dtype=np.int64), np.zeros((0, 4)), np.flatnonzero(bend >= 0)
+    if bent.size or found.drive.any():
+        driven = found.drive.reshape(2, m, 2, e)
+        members = np.zeros(m, dtype=bool) if spectrum.plain is None else spectrum.plain == 0.0
+        own = np.argwhere(np.any(driven, axis=(0, 2)) & ~members[:, None])
+        gain = driven[:, own[:, 0], :, own[:, 1]].reshape(len(own), 4)
+        pair = np.concatenate([
+            np.column_stack([bent, bend[bent], np.full(bent.size, -2)]),
+            np.column_stack([e + own[:, 0], own[:, 1], bend[own[:, 1]]]),
+        ])  # fmt: skip
+        gain = np.concatenate([np.tile([0.0, 0.0, 1.0, 0.0], (bent.size, 1)), gain])
     clusters = () if spectrum.blocks is None else spectrum.blocks.clusters
-    blocks = blocks_of(
-        np.concatenate([np.zeros(e), spectrum.delta]), np.concatenate([omega**2, spectrum.p]),
-        pairs, gain, group_of(clusters, found.drive, omega, bend, horizon),
-    )  # fmt: skip
-    none = np.zeros(0, dtype=np.int64)
-    parts = spectrum.rows(space.contacts, row_sizes)
-    w, u, w_size, u_size = (part if part.shape[1] else np.zeros((len(space.contacts), m)) for part in parts)
-    coordinates = _over_all(w, u, found.steady)
-    if stops is not None:
-        coordinates[:, 0, :e] += stops.drift
-    if pushes is not None:
-        assert sliders is not None
-        coordinates[:, 0, :e] += space.contacts @ pushes.carried
-        coordinates[sliders.first :, 0, :e] -= pushes.anchors
-    sizes = np.abs(coordinates)
-    sizes[:, 0, e:], sizes[:, 1, e:] = w_size, u_size
-    plain = np.flatnonzero(status != PINNED) if laws is not None else none
-    sign = np.where(status[plain] == CLOSED, -1.0, 1.0)
-    rows = [sign[:, None, None] * coordinates[plain]]
-    level = none.astype(float) if laws is None else laws.gap[plain]
-    held = np.flatnonzero(status == PINNED) if laws is not None else none
-    force, all_sizes, yields = None, [sizes[plain]], none
-    if laws is not None and held.size:
-        if spectrum.real.shift is not None:
-            level = level - space.contacts[plain] @ spectrum.real.shift
-        force = reactions(space, laws, status, spectrum, sources)
-        w, u = spectrum.functions(force.displacement, force.velocity)
-        own = _over_all(w, u, found.steady)
-        own[:, 0, :e] += force.loads
-        if pushes is not None:
-            held_rows = space.contacts[held]
-            own[:, 0, :e] += pushes.reaction
-            own[:, 1, :e] += np.linalg.solve(held_rows @ held_rows.T, held_rows @ pushes.rates)
-        own_sizes = np.abs(own)
-        own_sizes[:, 0, e:], own_sizes[:, 1, e:] = spectrum.sizes(np.abs(force.displacement), np.abs(force.velocity))
-        # The reaction of a rigid stop has no upper limit.
-        limited = ~laws.rigid[held]
-        yields, jump = held[limited], (laws.stiffness[held] * laws.gap[held])[limited]
-        above = own[limited]
-        above[:, 0, 0] -= jump
-        rows += [-own, above]
-        all_sizes += [own_sizes, own_sizes[limited]]
-        level = np.concatenate([level, np.zeros(held.size), jump])
-        force = force._replace(row=flat(own))
-    whole = np.concatenate(rows)
-    regime = Regime(
-        spectrum, found, blocks, e + spectrum.levels, bool(np.any(whole[:, 1, e:])), whole,
-        np.concatenate(all_sizes), np.concatenate([sign, np.zeros(held.size + yields.size)]), np.abs(level),
-        np.concatenate([plain, held, yields]),
-        np.concatenate([np.where(sign < 0.0, OPEN, CLOSED), np.full(held.size, OPEN), np.full(yields.size, CLOSED)]),
-        flat(coordinates), force, vectors, function, horizon, stops, bend,
-    )  # fmt: skip
-    if sliders is None or pushes is None or laws is None:
-        return regime
-    return _with_sliders(regime, sliders, pushes, space, laws, status, coordinates, sizes)
+    group = group_of(clusters, found.drive, omega, bend, horizon)
+    blocks = blocks_of(np.concatenate([kind.of, base.of], axis=1), pair, gain, group)
+    return Regime(base, kind, found, blocks, horizon, stops, sliders, pushes)
 
 
-def _with_sliders(
-    regime: Regime, sliders: Sliders, pushes: Pushes, space: ModalSpace, laws: ContactLaws, status: Integers,
-    coordinates: Array, sizes: Array,
-) -> Regime:  # fmt: skip
-    """Return a linear piece in which sliders have the event functions of their statuses."""
+def _sliding(regime: Regime) -> SlidingPiece:
+    """Return what is asked of the sliders of a linear piece."""
     from vofem.integrators.event_driven.sliders import SlidingPiece
 
-    spectrum, e, first = regime.spectrum, regime.loads, sliders.first
-    rows = space.contacts[first:]
+    base, sliders, pushes = regime.base, regime.sliders, regime.pushes
+    space, status, laws, spectrum = base.space, base.status, base.laws, base.spectrum
+    assert sliders is not None
+    assert pushes is not None
+    assert laws is not None
+    e, first, rows = regime.loads, sliders.first, space.contacts[sliders.first :]
     modal = rows if spectrum.real.modes is None else rows @ spectrum.real.modes
-    bounds = np.abs(rows) if spectrum.real.modes is None else np.abs(rows) @ np.abs(spectrum.real.modes)
     w, u = spectrum.functions(np.zeros_like(modal), modal)
     speeds = _over_all(w, u, regime.answers.steady)
     speeds[:, 1, :e] += rows @ pushes.carried - pushes.anchors
-    speed_sizes = np.abs(speeds)
-    speed_sizes[:, 0, e:], speed_sizes[:, 1, e:] = spectrum.sizes(np.zeros_like(bounds), bounds)
-    held, reaction = np.flatnonzero(status == PINNED), None
-    if regime.reactions is not None:
-        own = regime.reactions.row.reshape(held.size, 2, -1)
-        # Bounds of the reactions are those of their functions.
-        reaction = own, np.array([regime.sizes[(regime.owner == j) & (regime.sign == 0.0)][0] for j in held])
-    exits = sliders.exits(status, pushes, coordinates, (speeds, speed_sizes), reaction, sizes)
-    signs, own_status = sliders.signs(status), status[first:]
-    forces = np.zeros((len(sliders), 2, coordinates.shape[2]))
-    forces[:, 0, 0] = signs * sliders.limit
+    signs, own_status, held = sliders.signs(status), status[first:], np.flatnonzero(status == PINNED).tolist()
+    forces = np.zeros((len(sliders), speeds.shape[1] * speeds.shape[2]))
+    forces[:, 0] = signs * sliders.limit
     for j in range(len(sliders)):
         if own_status[j] == CLOSED:
-            forces[j] = sliders.stiffness[j] * coordinates[first + j]
+            forces[j] = sliders.stiffness[j] * regime.coordinates[first + j]
             if spectrum.real.shift is not None:
-                forces[j, 0, 0] += sliders.stiffness[j] * (rows[j] @ spectrum.real.shift)
+                forces[j, 0] += sliders.stiffness[j] * (rows[j] @ spectrum.real.shift)
         elif own_status[j] == PINNED:
-            assert reaction is not None
-            forces[j] = reaction[0][held.tolist().index(first + j)]
-    kept = regime.owner < first
-    whole = np.concatenate([regime.rows[kept], exits.rows])
+            forces[j] = regime.reactions[held.index(first + j)]
     dampers = np.where(status == CLOSED, laws.damping, 0.0)
-    return replace(
-        regime,
-        rows=whole,
-        sizes=np.concatenate([regime.sizes[kept], exits.sizes]),
-        sign=np.concatenate([regime.sign[kept], np.zeros(len(exits.owner))]),
-        level=np.concatenate([regime.level[kept], exits.level]),
-        owner=np.concatenate([regime.owner[kept], exits.owner]),
-        leads=np.concatenate([regime.leads[kept], exits.leads]),
-        mixed=bool(np.any(whole[:, 1, e:])),
-        sliding=SlidingPiece(sliders, status, pushes, flat(forces), flat(speeds), space, dampers),
+    return SlidingPiece(sliders, status, pushes, forces, flat(speeds), space, dampers)
+
+
+def _with_sliders(regime: Regime, exits: Exits) -> Exits:
+    """Return event functions in which sliders have those of their statuses."""
+    base, sliders, sliding = regime.base, regime.sliders, regime.sliding
+    assert sliders is not None
+    assert sliding is not None
+    spectrum, e, first, c = base.spectrum, regime.loads, sliders.first, len(base.space.contacts)
+    bounds = np.abs(base.space.contacts[first:])
+    if spectrum.real.modes is not None:
+        bounds = bounds @ np.abs(spectrum.real.modes)
+    speeds = sliding.speeds.reshape(len(sliders), 2, -1)
+    sizes = np.abs(speeds)
+    sizes[:, 0, e:], sizes[:, 1, e:] = spectrum.sizes(np.zeros_like(bounds), bounds)
+    own, own_sizes = regime._quantities, regime._sizes
+    more = sliders.exits(base.status, sliding.pushes, own[:c], (speeds, sizes), (own[c:], own_sizes[c:]), own_sizes[:c])
+    kept, none = exits.owner < first, np.zeros(len(more.owner))
+    return Exits(
+        np.concatenate([exits.rows[kept], more.rows]),
+        np.concatenate([exits.sizes[kept], more.sizes]),
+        np.concatenate([exits.sign[kept], none]),
+        np.concatenate([exits.level[kept], more.level]),
+        np.concatenate([exits.owner[kept], more.owner]),
+        np.concatenate([exits.leads[kept], more.leads]),
     )
+
+
+class Regimes:
+    """The linear pieces of a system's statuses, kept with its eigensystems.
+
+    Parameters
+    ----------
+    system : System
+    space : ModalSpace
+    vectors : ndarray, shape (n_functions, n)
+        Modal load vectors, those of offsets of contacts last.
+    counters : Counters
+    sliders : Sliders, optional
+        Those that are the last rows of the contacts.
+
+    Attributes
+    ----------
+    spectra : Spectra
+    """
+
+    def __init__(
+        self, system: System, space: ModalSpace, vectors: Array, counters: Counters, sliders: Sliders | None = None
+    ) -> None:
+        self._system, self._space, self._vectors, self._sliders = system, space, vectors, sliders
+        self.spectra = Spectra(space, system.contacts, counters, system.cache)
+
+    @cached_property
+    def row_sizes(self) -> Array:
+        """Bounds on the terms that the modal rows of the contacts are summed of, shape (n_contacts, n).
+
+        The gap between bodies that move together is a difference of displacements, so its error is their rounding.
+        """
+        laws, shapes = self._system.contacts, self._space.shapes
+        if laws is None:
+            return self._space.contacts
+        return self._system.cache.get(
+            "sizes of modal contact rows", None, lambda: np.asarray(abs(laws.rows) @ np.abs(shapes))
+        )
+
+    @cached_property
+    def _key(self) -> bytes:
+        laws = self._system.contacts
+        moving = None if laws is None else laws.moving
+        return self._vectors.tobytes() + (b"" if moving is None else moving.weights.tobytes())
+
+    def of(self, status: Integers, loads: Exosystem, kind: int) -> Regime:
+        """Return the linear piece of a contact status under loads of a kind."""
+        spectrum, one = self.spectra[status], loads.kinds[kind]
+        # Systems with other loads share eigensystems.
+        if self._key not in spectrum.unloaded:
+            spectrum.unloaded[self._key] = Unloaded(
+                spectrum, self._space, self._system.contacts, status, self._vectors, self.row_sizes
+            )
+        base: Unloaded = spectrum.unloaded[self._key]
+        key = loads.horizon, *one.key
+        if key not in base.regimes:
+            if len(base.regimes) >= (_MOST_REGIMES if self._space.size <= _FEW_MODES else 1):
+                base.regimes.clear()
+            base.regimes[key] = regime_of(base, one, loads.horizon, self._sliders)
+        found: Regime = base.regimes[key]
+        return found
 
 
 def flat(states: Array) -> Array:

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from vofem._validate import number, whole
 from vofem.errors import EventStormError, MethodError
+from vofem.integrators.event_driven.flow import solution_of
 from vofem.integrators.event_driven.follow import follower_of
 from vofem.integrators.event_driven.lifted import TruncatedSolution
-from vofem.integrators.event_driven.modal_space import modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.truncated import (
@@ -182,7 +182,7 @@ def _follow(
 ) -> EventSolution:  # fmt: skip
     """Follow all modes of a system from event to event."""
     counters = Counters()
-    solution = _solution(system, t_end, times, counters)
+    solution = solution_of(system, t_end, times, counters)
     space = solution.space
     if resume is None:
         momentum = system.mass @ np.stack([start.q, start.v], axis=1)
@@ -210,19 +210,6 @@ def _follow(
                 break
     solution.conclude()
     return solution
-
-
-def _solution(system: System, t_end: float, times: Array, counters: Counters) -> EventSolution:
-    """Return the solution to be filled, with the modal space of the system, which is solved once."""
-    if system.sliders is None:
-        space = system.cache.get("modal space", None, lambda: modal_space(system, counters))
-        return EventSolution(system, space, t_end, times, counters)
-    from vofem.integrators.event_driven.sliders import with_sliders
-    from vofem.integrators.event_driven.sliding import SlidingSolution
-
-    whole = with_sliders(system)
-    space = whole.cache.get("modal space", None, lambda: modal_space(whole, counters))
-    return SlidingSolution(system, space, t_end, times, counters)
 
 
 def _storm(system: System, solution: EventSolution, t: float, limit: int) -> str:

@@ -15,15 +15,14 @@ has a gap of exactly zero there.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.event_driven.blocks import Blocks, change, change_at_once
-from vofem.integrators.event_driven.clusters import Group, group_rate
+from vofem.integrators.event_driven.blocks import add_from_rest, moved_at_once
+from vofem.integrators.event_driven.clusters import Group, group_change, group_rate
 from vofem.kernels.jit import borrowed, jit, plain_form
-from vofem.linalg.oscillators import DELTA, FREQUENCY, SQUARE
+from vofem.linalg.exponential import half_turns
+from vofem.linalg.oscillators import CRITICAL, DECAY, DELTA, DIVISOR, FAST, FREQUENCY, ROOT, SQUARE, decays
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -57,76 +56,23 @@ _TINY = 1e-150
 _OVERDAMPED = 2.0
 
 
-class EventFunctions(NamedTuple):
-    """Event functions: ``start`` and the changes of rows over all blocks.
+#: Rows of the array of a search, shape (ROWS, m), with numbers of each block: the description of `oscillators`; the
+#: state at the beginning; changes, states and their rates at a time; three pairs without fixed use; bounds over a step
+#: on velocities and displacements and on their second derivatives; those on inputs to coupled blocks and on the rates
+#: of these; free energy as sqrt(2 E) and the amplitude that it allows; 1 for coupled blocks; and the work space of
+#: `oscillators_at`. Kernels take this one array, because numba needs much time for each argument.
+START, _START_V, _DZ, _DV, _Z, _V, _Z_RATE, _V_RATE, _NEXT_Z, _NEXT_V, _MOST_Z, _MOST_V, _MORE_Z, _MORE_V = range(8, 22)
+_SPEED, _AMPLITUDE, _PUSH, _JERK, _IN_Z, _IN_V, _IN_Z_RATE, _IN_V_RATE, _ENERGY, _CAP, _COUPLED = range(22, 33)
+_TURN, _SINE, _SLOWER, _FASTER, _POWER, _COSINE, _RESPONSE, ROWS = range(33, 41)
+MOVED = _DZ
 
-    Attributes
-    ----------
-    rows, sizes : ndarray, shape (k, 2, m)
-        Rows, and bounds on the terms of the sums that they are.
-    start : ndarray, shape (k,)
-        Values at tau = 0.
-    level : ndarray, shape (k,)
-        Size of the constants from which `start` was computed.
-    loads : int
-        Number of blocks that are loads, the first ones.
-    tail : int
-        Number of blocks whose velocities enter, the first ones: all, or those of the loads.
-    """
+#: Rows of the array of event functions, shape (FUNCTION_ROWS, k): values at the beginning, sizes of the constants from
+#: which these were computed; values, rates and levels of rounding at a time, the last times at or below zero; and 1 for
+#: those that reach zero at the event.
+BEGINNING, CONSTANTS, _VALUE, _SLOPE, _NOISE, _BELOW, HIT, FUNCTION_ROWS = range(8)
 
-    rows: Array
-    sizes: Array
-    start: Array
-    level: Array
-    loads: int
-    tail: int
-
-
-class SearchSpace(NamedTuple):
-    """Work space of a search.
-
-    Attributes
-    ----------
-    hits : ndarray of bool, shape (k,)
-        The functions that reach zero at the event; filled by `march`.
-    x : ndarray, shape (23, m)
-        Of all blocks: changes, states and rates, three pairs of rows without fixed use; bounds over a step on
-        velocities and displacements and on their second derivatives; those on inputs to coupled blocks and on their
-        rates; free energy as sqrt(2 E) and the amplitude that it allows; 1 for coupled blocks.
-    f : ndarray, shape (4, k)
-        Of all functions: values, rates, levels of rounding, and the last times at or below zero.
-    series : ndarray, shape (2, 10)
-    """
-
-    hits: NDArray[np.bool_]
-    x: Array
-    f: Array
-    series: Array
-
-
-def search_space(blocks: int, functions: int) -> SearchSpace:
-    """Return work space for the search of events of so many functions of so many blocks."""
-    return SearchSpace(
-        np.zeros(functions, dtype=np.bool_), np.empty((_ROWS, blocks)), np.empty((4, functions)),
-        np.empty((2, _ORDER + 1)),
-    )  # fmt: skip
-
-
-#: Rows of the arrays of a work space. Kernels take these arrays and not the bundle: numba needs less time for arrays.
-_DZ, _DV, _Z, _V, _Z_RATE, _V_RATE, _NEXT_Z, _NEXT_V, _MOST_Z, _MOST_V, _MORE_Z, _MORE_V = range(12)
-_SPEED, _AMPLITUDE, _PUSH, _JERK, _IN_Z, _IN_V, _IN_Z_RATE, _IN_V_RATE, _ENERGY, _CAP, _COUPLED, _ROWS = range(12, 24)
-_VALUE, _SLOPE, _NOISE, _BELOW = range(4)
-
-
-@jit
-def _rates(of: Array, pair: Integers, gain: Array, group: Group | None, state: Array, out: Array) -> None:
-    """Write the rates of the states of all blocks."""
-    for k in range(of.shape[1]):
-        out[0, k] = state[1, k]
-        out[1, k] = -2.0 * of[DELTA, k] * state[1, k] - of[SQUARE, k] * state[0, k]
-    if pair.shape[0] > 0:
-        _add_inputs(pair, gain, state, out)
-    group_rate(group, state, out)
+#: Numbers of other work space.
+SPARE = 2 * (_ORDER + 1)
 
 
 @jit
@@ -138,34 +84,37 @@ def _add_inputs(pair: Integers, gain: Array, state: Array, out: Array) -> None:
         out[1, k] += gain[e, 2] * state[0, j] + gain[e, 3] * state[1, j]
 
 
-@plain_form(_rates)
-def _rates_at_once(of: Array, pair: Integers, gain: Array, group: Group | None, state: Array, out: Array) -> None:
-    out[0] = state[1]
-    out[1] = -2.0 * of[DELTA] * state[1] - of[SQUARE] * state[0]
-    if pair.size:
-        _add_inputs(pair, gain, state, out)
-    if group is not None:
-        group_rate(group, state, out)
-
-
 @jit
 def _evaluate(
-    tau: float, start: Array, rows: Array, tail: int, blocks: Blocks, begin: Array, x: Array, f: Array
+    tau: float, x: Array, f: Array, rows: Array, tail: int, damped: bool, pair: Integers, gain: Array, address: int,
+    group: Group | None, spare: Array,
 ) -> None:  # fmt: skip
-    """Fill in states and rates of all blocks, and values and rates of the event functions, at tau."""
-    start, rows, blocks, begin, x, f = borrowed((start, rows, blocks, begin, x, f))
-    change(blocks, begin, tau, x[:_Z])
-    of = blocks.of
-    for k in range(x.shape[1]):
-        z, v = begin[0, k] + x[_DZ, k], begin[1, k] + x[_DV, k]
+    """Fill in changes, states and rates of all blocks, and values and rates of the event functions, at tau."""
+    x, f, rows = borrowed(x), borrowed(f), borrowed(rows)
+    m = x.shape[1]
+    half_turns(x[ROOT], tau, x[_TURN], x[_SINE])
+    if damped:
+        decays(x[DECAY], tau, x[_SLOWER], x[_POWER])
+        decays(x[FAST], tau, x[_FASTER], x[_POWER])
+    for k in range(m):
+        # As in `oscillators_at` and `change`.
+        z, v, delta, left = x[START, k], x[_START_V, k], x[DELTA, k], 1.0 + x[_SLOWER, k]
+        c = x[_SLOWER, k] + left * (x[_TURN, k] + 0.5 * x[_FASTER, k])
+        s = left * ((x[_SINE, k] - x[_FASTER, k]) / x[DIVISOR, k] + tau * x[CRITICAL, k])
+        x[_DZ, k], x[_DV, k] = c * z + s * (v + delta * z), c * v - s * (x[SQUARE, k] * z + delta * v)
+    if pair.shape[0] > 0:
+        add_from_rest(x, pair, gain, address, spare, x[START:], tau, x[_DZ:])
+    group_change(group, x[START:], tau, x[_DZ:])
+    for k in range(m):
+        z, v = x[START, k] + x[_DZ, k], x[_START_V, k] + x[_DV, k]
         x[_Z, k], x[_V, k] = z, v
-        x[_Z_RATE, k], x[_V_RATE, k] = v, -2.0 * of[DELTA, k] * v - of[SQUARE, k] * z
-    if blocks.pair.shape[0] > 0:
-        _add_inputs(blocks.pair, blocks.gain, x[_Z:], x[_Z_RATE:])
-    group_rate(blocks.group, x[_Z:], x[_Z_RATE:])
-    for j in range(start.size):
-        value, slope = start[j], 0.0
-        for k in range(x.shape[1]):
+        x[_Z_RATE, k], x[_V_RATE, k] = v, -2.0 * x[DELTA, k] * v - x[SQUARE, k] * z
+    if pair.shape[0] > 0:
+        _add_inputs(pair, gain, x[_Z:], x[_Z_RATE:])
+    group_rate(group, x[_Z:], x[_Z_RATE:])
+    for j in range(f.shape[1]):
+        value, slope = f[BEGINNING, j], 0.0
+        for k in range(m):
             value += rows[j, 0, k] * x[_DZ, k]
             slope += rows[j, 0, k] * x[_Z_RATE, k]
         for k in range(tail):
@@ -176,40 +125,49 @@ def _evaluate(
 
 @plain_form(_evaluate)
 def _evaluate_at_once(
-    tau: float, start: Array, rows: Array, tail: int, blocks: Blocks, begin: Array, x: Array, f: Array
+    tau: float, x: Array, f: Array, rows: Array, tail: int, damped: bool, pair: Integers, gain: Array, address: int,
+    group: Group | None, spare: Array,
 ) -> None:  # fmt: skip
-    changed, state, rate = x[:_Z], x[_Z:_Z_RATE], x[_Z_RATE:_NEXT_Z]
-    change_at_once(blocks, begin, tau, changed)
-    np.add(begin, changed, out=state)
-    _rates_at_once(blocks.of, blocks.pair, blocks.gain, blocks.group, state, rate)
-    flat = rows[: start.size].reshape(start.size, changed.size)
-    f[_VALUE, : start.size] = start + flat @ changed.ravel()
-    f[_SLOPE, : start.size] = flat @ rate.ravel()
+    begin, moved, state, rate = x[START:_DZ], x[_DZ:_Z], x[_Z:_Z_RATE], x[_Z_RATE:_NEXT_Z]
+    moved_at_once(x, begin, tau, x[_TURN:ROWS], moved)
+    if pair.size:
+        add_from_rest(x, pair, gain, address, spare, begin, tau, moved)
+    if group is not None:
+        group_change(group, begin, tau, moved)
+    np.add(begin, moved, out=state)
+    rate[0] = state[1]
+    rate[1] = -2.0 * x[DELTA] * state[1] - x[SQUARE] * state[0]
+    if pair.size:
+        _add_inputs(pair, gain, state, rate)
+    if group is not None:
+        group_rate(group, state, rate)
+    flat = rows.reshape(len(rows), moved.size)
+    f[_VALUE] = f[BEGINNING] + flat @ moved.ravel()
+    f[_SLOPE] = flat @ rate.ravel()
 
 
 @jit
-def _fill_noise(
-    tau: float, level: Array, sizes: Array, loads: int, tail: int, of: Array, begin: Array, x: Array, f: Array
-) -> None:  # fmt: skip
+def _fill_noise(tau: float, x: Array, f: Array, sizes: Array, loads: int, tail: int) -> None:
     """Fill in the level below which each function is rounding of its terms up to tau.
 
     Complex modes are summed of the velocities of blocks too. For a slow block the velocity divided by the frequency is
     large compared with all displacements, so only the change of a block within tau is counted. What loads add to a
     coupled block is at most its change and that of its free motion.
     """
-    level, sizes, of, begin, x, f = borrowed((level, sizes, of, begin, x, f))
-    for k in range(of.shape[1]):
+    x, f, sizes = borrowed(x), borrowed(f), borrowed(sizes)
+    m = x.shape[1]
+    for k in range(m):
         energy = x[_ENERGY, k]
-        amplitude, speed = min(abs(begin[0, k]) + abs(begin[1, k]) * tau, x[_CAP, k]), energy
+        amplitude, speed = min(abs(x[START, k]) + abs(x[_START_V, k]) * tau, x[_CAP, k]), energy
         if tail > loads and k >= loads:
             # Free energy does not grow, so it bounds the rates.
             amplitude = min(amplitude, energy * tau)
-            speed = min(energy, (2.0 * of[DELTA, k] + of[FREQUENCY, k]) * energy * tau)
+            speed = min(energy, (2.0 * x[DELTA, k] + x[FREQUENCY, k]) * energy * tau)
         x[_NEXT_Z, k] = amplitude + x[_COUPLED, k] * abs(x[_DZ, k])
         x[_NEXT_V, k] = speed + x[_COUPLED, k] * abs(x[_DV, k])
-    for j in range(level.size):
-        size = level[j]
-        for k in range(of.shape[1]):
+    for j in range(f.shape[1]):
+        size = f[CONSTANTS, j]
+        for k in range(m):
             size += sizes[j, 0, k] * x[_NEXT_Z, k]
         for k in range(tail):
             size += sizes[j, 1, k] * x[_NEXT_V, k]
@@ -217,19 +175,15 @@ def _fill_noise(
 
 
 @plain_form(_fill_noise)
-def _noise_at_once(
-    tau: float, level: Array, sizes: Array, loads: int, tail: int, of: Array, begin: Array, x: Array, f: Array
-) -> None:  # fmt: skip
+def _noise_at_once(tau: float, x: Array, f: Array, sizes: Array, loads: int, tail: int) -> None:
     energy = x[_ENERGY]
-    amplitude, speed = np.minimum(np.abs(begin[0]) + np.abs(begin[1]) * tau, x[_CAP]), energy.copy()
+    amplitude, speed = np.minimum(np.abs(x[START]) + np.abs(x[_START_V]) * tau, x[_CAP]), energy.copy()
     if tail > loads:
         amplitude[loads:] = np.minimum(amplitude, energy * tau)[loads:]
-        speed[loads:] = np.minimum(energy, (2.0 * of[DELTA] + of[FREQUENCY]) * energy * tau)[loads:]
+        speed[loads:] = np.minimum(energy, (2.0 * x[DELTA] + x[FREQUENCY]) * energy * tau)[loads:]
     amplitude += x[_COUPLED] * np.abs(x[_DZ])
     speed += x[_COUPLED] * np.abs(x[_DV])
-    count = level.size
-    size = level + sizes[:count, 0] @ amplitude + sizes[:count, 1] @ speed
-    f[_NOISE, :count] = _ROUNDING * size + _LEAST
+    f[_NOISE] = _ROUNDING * (f[CONSTANTS] + sizes[:, 0] @ amplitude + sizes[:, 1] @ speed) + _LEAST
 
 
 @jit
@@ -265,55 +219,57 @@ def _longest_step(group: Group | None) -> float:
 
 
 @jit
-def _prepare(blocks: Blocks, begin: Array, duration: float, x: Array) -> float:
+def _prepare(duration: float, x: Array, pair: Integers, gain: Array, group: Group | None) -> float:
     """Fill in the bounds that hold for a whole segment; return the longest step that they allow."""
-    of, pair, gain = blocks.of, blocks.pair, blocks.gain
-    for k in range(of.shape[1]):
+    x, gain = borrowed(x), borrowed(gain)
+    for k in range(x.shape[1]):
         for i in range(_IN_Z, _COUPLED + 1):
             x[i, k] = 0.0
-        frequency = of[FREQUENCY, k]
-        energy = np.sqrt(begin[1, k] ** 2 + of[SQUARE, k] * begin[0, k] ** 2)
+        x[_SLOWER, k] = x[_FASTER, k] = 0.0
+        z, v, frequency = x[START, k], x[_START_V, k], x[FREQUENCY, k]
+        energy = np.sqrt(v * v + x[SQUARE, k] * (z * z))
         if energy < _TINY:
-            energy = np.hypot(begin[1, k], frequency * begin[0, k])
+            energy = np.hypot(v, frequency * z)
         x[_ENERGY, k] = energy
         x[_CAP, k] = energy / frequency if frequency > 0.0 else np.inf
-    longest = min(duration, _longest_step(blocks.group))
+    longest = min(duration, _longest_step(group))
     for e in range(pair.shape[0]):
         k, j = pair[e, 0], pair[e, 1]
-        size, rate, rise = x[_CAP, j], x[_ENERGY, j], of[FREQUENCY, j] * x[_ENERGY, j]
-        if of[FREQUENCY, j] == 0.0:
+        size, rate, rise = x[_CAP, j], x[_ENERGY, j], x[FREQUENCY, j] * x[_ENERGY, j]
+        if x[FREQUENCY, j] == 0.0:
             # What bends lines comes first among the pairs.
             rise = x[_IN_V, j]
             rate += rise * duration
-            size = abs(begin[0, j]) + (abs(begin[1, j]) + 0.5 * rise * duration) * duration
-        x[_IN_Z, k] += abs(gain[e, 0]) * size + abs(gain[e, 1]) * rate
-        x[_IN_V, k] += abs(gain[e, 2]) * size + abs(gain[e, 3]) * rate
-        x[_IN_Z_RATE, k] += abs(gain[e, 0]) * rate + abs(gain[e, 1]) * rise
-        x[_IN_V_RATE, k] += abs(gain[e, 2]) * rate + abs(gain[e, 3]) * rise
+            size = abs(x[START, j]) + (abs(x[_START_V, j]) + 0.5 * rise * duration) * duration
+        a1, b1, a2, b2 = abs(gain[e, 0]), abs(gain[e, 1]), abs(gain[e, 2]), abs(gain[e, 3])
+        x[_IN_Z, k] += a1 * size + b1 * rate
+        x[_IN_V, k] += a2 * size + b2 * rate
+        x[_IN_Z_RATE, k] += a1 * rate + b1 * rise
+        x[_IN_V_RATE, k] += a2 * rate + b2 * rise
         x[_COUPLED, k] = 1.0
-        if of[FREQUENCY, k] > 0.0:
-            longest = min(longest, 4.0 / of[FREQUENCY, k])
-    _mark_group(blocks.group, x[_COUPLED])
+        if x[FREQUENCY, k] > 0.0:
+            longest = min(longest, 4.0 / x[FREQUENCY, k])
+    _mark_group(group, x)
     return longest
 
 
 @jit
-def _mark_group(group: Group | None, coupled: Array) -> None:
+def _mark_group(group: Group | None, x: Array) -> None:
     if group is None:
         return
     for k in group.member:
-        coupled[k] = 1.0
+        x[_COUPLED, k] = 1.0
 
 
 @jit
-def _fill_bounds(step: float, of: Array, group: Group | None, begin: Array, x: Array) -> None:
+def _fill_bounds(step: float, x: Array, group: Group | None) -> None:
     """Fill in bounds on states of all blocks and on their second derivatives over a step.
 
     Free energy never grows; inputs make sqrt(2 E) grow at most in proportion to time.
     """
-    of, begin, x = borrowed((of, begin, x))
-    for k in range(of.shape[1]):
-        z, v, delta, p, frequency = x[_Z, k], x[_V, k], of[DELTA, k], of[SQUARE, k], of[FREQUENCY, k]
+    x = borrowed(x)
+    for k in range(x.shape[1]):
+        z, v, delta, p, frequency = x[_Z, k], x[_V, k], x[DELTA, k], x[SQUARE, k], x[FREQUENCY, k]
         g1, g2 = x[_IN_Z, k], x[_IN_V, k]
         energy = np.sqrt(v * v + p * z * z)
         if energy < _TINY:
@@ -326,15 +282,15 @@ def _fill_bounds(step: float, of: Array, group: Group | None, begin: Array, x: A
         x[_SPEED, k], x[_AMPLITUDE, k], x[_PUSH, k] = speed, amplitude, push
         x[_JERK, k] = 2.0 * delta * push + p * (speed + g1) + x[_IN_V_RATE, k]
         if delta > _OVERDAMPED * frequency:
-            _bound_overdamped(k, step, of, begin, x)
+            _bound_overdamped(k, step, x)
         x[_PUSH, k] += x[_IN_Z_RATE, k]
     _bound_group(group, step, x)
 
 
 @plain_form(_fill_bounds)
-def _bounds_at_once(step: float, of: Array, group: Group | None, begin: Array, x: Array) -> None:
+def _bounds_at_once(step: float, x: Array, group: Group | None) -> None:
     z, v = x[_Z], x[_V]
-    delta, p, frequency, g1, g2 = of[DELTA], of[SQUARE], of[FREQUENCY], x[_IN_Z], x[_IN_V]
+    delta, p, frequency, g1, g2 = x[DELTA], x[SQUARE], x[FREQUENCY], x[_IN_Z], x[_IN_V]
     speed = x[_SPEED] = np.hypot(v, frequency * z) + (g2 + frequency * g1) * step
     safe = np.where(frequency > 0.0, frequency, 1.0)
     cap = np.where(frequency > 0.0, speed / safe, np.inf)
@@ -342,14 +298,14 @@ def _bounds_at_once(step: float, of: Array, group: Group | None, begin: Array, x
     push = x[_PUSH] = (2.0 * delta + frequency) * speed + g2
     x[_JERK] = 2.0 * delta * push + p * (speed + g1) + x[_IN_V_RATE]
     for k in np.flatnonzero(delta > _OVERDAMPED * frequency).tolist():
-        _bound_overdamped(k, step, of, begin, x)
+        _bound_overdamped(k, step, x)
     x[_PUSH] += x[_IN_Z_RATE]
     if group is not None:
         _bound_group(group, step, x)
 
 
 @jit
-def _bound_overdamped(k: int, step: float, of: Array, begin: Array, x: Array) -> None:
+def _bound_overdamped(k: int, step: float, x: Array) -> None:
     """Lower the bounds of an overdamped block.
 
     With the decay rates ``r1 < r2`` of a block, ``z = A + B`` and ``v = -r1 A - r2 B``, where
@@ -359,13 +315,13 @@ def _bound_overdamped(k: int, step: float, of: Array, begin: Array, x: Array) ->
     B has soon decayed, and A changes slowly. Free energy does not distinguish them: its bounds on the derivatives of A
     are too large by a factor of at least ``r2 / r1``. Close to critical damping nothing would be gained.
     """
-    delta, p, z, v = of[DELTA, k], of[SQUARE, k], x[_Z, k], x[_V, k]
+    delta, p, z, v = x[DELTA, k], x[SQUARE, k], x[_Z, k], x[_V, k]
     g1, g2 = x[_IN_Z, k], x[_IN_V, k]
     apart = 2.0 * np.sqrt(delta * delta - p)
     r2 = delta + 0.5 * apart
     r1 = p / r2
     # A and B are differences, known to the rounding of the state and of the parts that it is summed of.
-    z_error, v_error = _ROUNDING * (abs(begin[0, k]) + abs(z)), _ROUNDING * (abs(begin[1, k]) + abs(v))
+    z_error, v_error = _ROUNDING * (abs(x[START, k]) + abs(z)), _ROUNDING * (abs(x[_START_V, k]) + abs(v))
     a = abs(v + r2 * z) + v_error + r2 * z_error + (g2 + r2 * g1) * step
     b = abs(v + r1 * z) + v_error + r1 * z_error + (g2 + r1 * g1) * min(step, 1.0 / r2)
     a, b = a / apart, b / apart
@@ -403,7 +359,7 @@ def _safe_step(j: int, rows: Array, loads: int, tail: int, levels: Integers, x: 
 
     Blocks below a level enter by value, rate and bound of the curvature, those above by amplitude.
     """
-    rows, levels, x, f = borrowed((rows, levels, x, f))
+    rows, levels, x, f = borrowed(rows), borrowed(levels), borrowed(x), borrowed(f)
     m, value, rate, noise = x.shape[1], f[_VALUE, j], f[_SLOPE, j], f[_NOISE, j]
     distance = max(-value, 0.0) + 2.0 * noise
     whole = rate
@@ -460,41 +416,45 @@ def _safe_step_at_once(j: int, rows: Array, loads: int, tail: int, levels: Integ
 
 @jit
 def _safe_time_far(
-    j: int, distance: float, step: float, rows: Array, sizes: Array, blocks: Blocks, x: Array, series: Array
+    distance: float, step: float, rows: Array, sizes: Array, x: Array, pair: Integers, gain: Array,
+    group: Group | None, spare: Array,
 ) -> float:  # fmt: skip
-    """Return a time within which function j provably rises by less than `distance`, from high derivatives.
+    """Return a time within which a function, shape (2, m), provably rises by less than `distance`, from derivatives.
 
     The bounds on all states hold until `step`, the upper bound of the returned time.
     """
-    of, pair, gain, group = blocks.of, blocks.pair, blocks.gain, blocks.group
-    value, size, m = series[0], series[1], of.shape[1]
-    following, largest, more = x[_NEXT_Z:], x[_MOST_Z:], x[_MORE_Z:]
+    x, rows, sizes, gain, spare = borrowed(x), borrowed(rows), borrowed(sizes), borrowed(gain), borrowed(spare)
+    m = x.shape[1]
     for k in range(m):
-        largest[0, k], largest[1, k] = x[_AMPLITUDE, k], x[_SPEED, k]
-        more[0, k], more[1, k] = x[_Z, k], x[_V, k]
+        x[_MOST_Z, k], x[_MOST_V, k] = x[_AMPLITUDE, k], x[_SPEED, k]
+        x[_MORE_Z, k], x[_MORE_V, k] = x[_Z, k], x[_V, k]
     for i in range(1, _ORDER + 1):
-        _rates(of, pair, gain, group, more, following)
-        value[i] = size[i] = 0.0
         for k in range(m):
-            more[0, k], more[1, k] = following[0, k], following[1, k]
-            slow, quick = largest[0, k], largest[1, k]
-            following[0, k] = quick
-            following[1, k] = 2.0 * of[DELTA, k] * quick + of[SQUARE, k] * slow
+            v, quick, decay, p = x[_MORE_V, k], x[_MOST_V, k], 2.0 * x[DELTA, k], x[SQUARE, k]
+            x[_NEXT_Z, k], x[_NEXT_V, k] = v, -decay * v - p * x[_MORE_Z, k]
+            x[_TURN, k], x[_SINE, k] = quick, decay * quick + p * x[_MOST_Z, k]
         for e in range(pair.shape[0]):
-            k, f, rate = pair[e, 0], largest[0, pair[e, 1]], largest[1, pair[e, 1]]
-            following[0, k] += abs(gain[e, 0]) * f + abs(gain[e, 1]) * rate
-            following[1, k] += abs(gain[e, 2]) * f + abs(gain[e, 3]) * rate
-        _grow_group(group, largest, following)
+            k, j = pair[e, 0], pair[e, 1]
+            for row in range(2):
+                a, b = gain[e, 2 * row], gain[e, 2 * row + 1]
+                x[_NEXT_Z + row, k] += a * x[_MORE_Z, j] + b * x[_MORE_V, j]
+                x[_TURN + row, k] += abs(a) * x[_MOST_Z, j] + abs(b) * x[_MOST_V, j]
+        _grow_group(group, x)
+        value, size = 0.0, 0.0
         for k in range(m):
-            largest[0, k], largest[1, k] = following[0, k], following[1, k]
-            value[i] += rows[j, 0, k] * more[0, k] + rows[j, 1, k] * more[1, k]
-            size[i] += sizes[j, 0, k] * largest[0, k] + sizes[j, 1, k] * largest[1, k]
+            for row in range(2):
+                more = x[_MORE_Z + row, k] = x[_NEXT_Z + row, k]
+                most = x[_MOST_Z + row, k] = x[_TURN + row, k]
+                value += rows[row, k] * more
+                size += sizes[row, k] * most
+        spare[2 * i], spare[2 * i + 1] = value, size
     safe_time = step
     for _ in range(200):
         rise, term = 0.0, 1.0
         for i in range(1, _ORDER + 1):
             term *= safe_time / i
-            slope = size[i] if i == _ORDER else max(value[i], 0.0) + _ROUNDING * size[i]
+            size = spare[2 * i + 1]
+            slope = size if i == _ORDER else max(spare[2 * i], 0.0) + _ROUNDING * size
             rise += slope * term
         if rise <= distance:
             return safe_time
@@ -503,16 +463,17 @@ def _safe_time_far(
 
 
 @jit
-def _grow_group(group: Group | None, size: Array, out: Array) -> None:
-    """Write bounds on the next derivatives of the states of a group, from those on the states of all blocks."""
+def _grow_group(group: Group | None, x: Array) -> None:
+    """Write the next derivatives of the states of a group, and bounds on them."""
     if group is None:
         return
-    e, norm = group.scale.size // 2, size[0, group.member[0]]
+    group_rate(group, x[_MORE_Z:], x[_NEXT_Z:])
+    e, norm = group.scale.size // 2, x[_MOST_Z, group.member[0]]
     push = group.bounds[0] * norm
     for j in range(e):
-        push += group.bounds[2 + j] * size[0, j] + group.bounds[2 + e + j] * size[1, j]
+        push += group.bounds[2 + j] * x[_MOST_Z, j] + group.bounds[2 + e + j] * x[_MOST_V, j]
     for k in group.member:
-        out[0, k], out[1, k] = push, push
+        x[_TURN, k] = x[_SINE, k] = push
 
 
 @jit
@@ -529,52 +490,69 @@ def exact_cut(t: float, tau: float) -> float:
 
 @jit
 def march(
-    terms: EventFunctions, blocks: Blocks, levels: Integers, begin: Array, duration: float, space: SearchSpace
-) -> tuple[float, int]:
-    """Return the first time at which a function becomes positive, and fill in `space.hits`.
+    x: Array, f: Array, rows: Array, sizes: Array, levels: Integers, pair: Integers, gain: Array, address: int,
+    group: Group | None, loads: int, tail: int, t: float, duration: float, spare: Array,
+) -> tuple[float, int]:  # fmt: skip
+    """Return the first time at which an event function becomes positive, and write changes and hits at this time.
 
     Parameters
     ----------
-    terms : EventFunctions
-        Event functions that are negative at tau = 0, or zero and falling.
+    x : ndarray, shape (ROWS, m)
+        Of the blocks; their description and their states at tau = 0 are given.
+    f : ndarray, shape (FUNCTION_ROWS, k)
+        Of the event functions, which are negative at tau = 0, or zero and falling. Values and constants at tau = 0 are
+        given.
+    rows, sizes : ndarray, shape (k, 2, m)
+        The functions as rows over the blocks, and bounds on the terms of the sums that they are.
     levels : ndarray of int
         See `Regime`.
-    begin : ndarray, shape (2, m)
-        States of all blocks at tau = 0.
-    duration : float
-        Time in s at which the search ends.
+    pair, gain : ndarray, shapes (r, 3) and (r, 4)
+        See `Blocks`.
+    address : int
+        Of `respond`, see `Response`.
+    loads : int
+        Number of blocks that are loads, the first ones.
+    tail : int
+        Number of blocks whose velocities enter, the first ones: all, or those of the loads.
+    t, duration : float
+        Time of the run at tau = 0, and time from there at which the search ends, s.
+    spare : ndarray, shape (SPARE,)
+        Work space.
 
     Returns
     -------
     tau : float
-        Time of the event in s. If there is no event, it is `duration`, or an earlier time after `SEARCH_WORK`.
+        Time of the event in s. If there is no event, it is `duration`, or an earlier time after `SEARCH_WORK`, at which
+        t + tau is exact.
     evaluations : int
-        Number of evaluations of the functions.
+        Number of evaluations of the functions; without functions 0, and the changes are those after `duration`.
     """
-    terms, blocks, levels, begin, space = borrowed((terms, blocks, levels, begin, space))
-    of, hits, x, f, series = blocks.of, space.hits, space.x, space.f, space.series
-    rows, sizes, start, level, loads, tail = terms
-    m, count = of.shape[1], start.size
-    longest = _prepare(blocks, begin, duration, x)
-    evaluations, most = 0, SEARCH_WORK // (m + EVALUATION_WORK)
+    x, f, rows, sizes, levels = borrowed(x), borrowed(f), borrowed(rows), borrowed(sizes), borrowed(levels)
+    pair, gain, spare = borrowed(pair), borrowed(gain), borrowed(spare)
+    m, count, damped = x.shape[1], f.shape[1], False
     # The last time at which each function was at or below zero. If a function is above zero within rounding, its root
     # lies before `before`.
     for j in range(count):
-        hits[j] = False
-        f[_BELOW, j] = 0.0
+        f[HIT, j] = f[_BELOW, j] = 0.0
     quickest = 0.0
     for k in range(m):
-        quickest = max(quickest, of[FREQUENCY, k], 2.0 * of[DELTA, k])
+        quickest = max(quickest, x[FREQUENCY, k], 2.0 * x[DELTA, k])
+        damped = damped or x[DELTA, k] != 0.0
+    longest = _prepare(duration, x, pair, gain, group)
+    if count == 0:
+        _evaluate(duration, x, f, rows, tail, damped, pair, gain, address, group, spare)
+        return duration, 0
+    evaluations, most = 0, SEARCH_WORK // (m + EVALUATION_WORK)
     short = 0.1 * _SHORT / quickest if quickest > 0.0 else np.inf
     tau, before = 0.0, 0.0
     while True:
-        _evaluate(tau, start, rows, tail, blocks, begin, x, f)
-        _fill_noise(tau, level, sizes, loads, tail, of, begin, x, f)
+        _evaluate(tau, x, f, rows, tail, damped, pair, gain, address, group, spare)
+        _fill_noise(tau, x, f, sizes, loads, tail)
         evaluations += 1
         found, all_below = False, True
         for j in range(count):
-            hits[j] = tau > 0.0 and f[_VALUE, j] > f[_NOISE, j]
-            found = found or hits[j]
+            if tau > 0.0 and f[_VALUE, j] > f[_NOISE, j]:
+                f[HIT, j], found = 1.0, True
             if f[_VALUE, j] > 0.0:
                 all_below = False
         if found:
@@ -585,25 +563,29 @@ def march(
             if f[_VALUE, j] <= 0.0:
                 f[_BELOW, j] = tau
         if evaluations >= most and (evaluations >= 2 * most or all_below):
-            return tau, evaluations
+            cut = exact_cut(t, tau)
+            if cut != tau:
+                _evaluate(cut, x, f, rows, tail, damped, pair, gain, address, group, spare)
+            return cut, evaluations
         allowed, again = min(duration - tau, longest), False
         while True:
-            _fill_bounds(allowed, of, blocks.group, begin, x)
+            _fill_bounds(allowed, x, group)
             step = allowed
             for j in range(count):
                 span = _safe_step(j, rows, loads, tail, levels, x, f)
                 if span < short and span < step:
                     distance = max(-f[_VALUE, j], 0.0) + 2.0 * f[_NOISE, j]
-                    span = max(span, _safe_time_far(j, distance, allowed, rows, sizes, blocks, x, series))
+                    far = _safe_time_far(distance, allowed, rows[j], sizes[j], x, pair, gain, group, spare)
+                    span = max(span, far)
                 step = min(step, span)
             if step >= _LITTLE * tau or allowed <= tau:
                 break
             # A function leaves zero slowly, as where a load begins to grow on bodies at rest that touch. Bounds over
             # a time as long as that since the start allow steps that grow with it.
             allowed, again = tau, True
-            _prepare(blocks, begin, tau + allowed, x)
+            _prepare(tau + allowed, x, pair, gain, group)
         if again:
-            _prepare(blocks, begin, duration, x)
+            _prepare(duration, x, pair, gain, group)
         before = tau
         tau = duration if step >= duration - tau else tau + step
         if tau == before:
@@ -613,11 +595,11 @@ def march(
     # The first root lies in (below, tau]: a bracketed Newton iteration for each candidate; the earliest wins.
     first, winner = tau, 0
     for j in range(count):
-        if not hits[j]:
+        if f[HIT, j] == 0.0:
             continue
         low, high, now = f[_BELOW, j], tau, tau
         for _ in range(100):
-            _evaluate(now, start, rows, tail, blocks, begin, x, f)
+            _evaluate(now, x, f, rows, tail, damped, pair, gain, address, group, spare)
             evaluations += 1
             value, rate = f[_VALUE, j], f[_SLOPE, j]
             if value > 0.0:
@@ -633,8 +615,8 @@ def march(
                 break
         if now <= first:
             first, winner = now, j
-    _evaluate(first, start, rows, tail, blocks, begin, x, f)
-    _fill_noise(first, level, sizes, loads, tail, of, begin, x, f)
+    _evaluate(first, x, f, rows, tail, damped, pair, gain, address, group, spare)
+    _fill_noise(first, x, f, sizes, loads, tail)
     evaluations += 1
     for j in range(count):
         # A function that only rounding moves away from zero, as for bodies at rest that touch, is left out of the
@@ -642,6 +624,6 @@ def march(
         # so the terms themselves are compared.
         compared, share = (rows, _COMPLEX_ROUNDING) if tail > loads else (sizes, _ROUNDING)
         at_rest = _rate_is_rounding(j, compared, x, f, share)
-        hits[j] = abs(f[_VALUE, j]) <= f[_NOISE, j] and f[_SLOPE, j] > 0.0 and not at_rest
-    hits[winner] = True
+        hit = abs(f[_VALUE, j]) <= f[_NOISE, j] and f[_SLOPE, j] > 0.0 and not at_rest
+        f[HIT, j] = 1.0 if hit or j == winner else 0.0
     return first, evaluations

@@ -9,22 +9,13 @@ from numpy.typing import NDArray
 
 
 class Segments(NamedTuple):
-    """The segments of a run, one a row.
+    """The segments of a run, one a row."""
 
-    Attributes
-    ----------
-    starts, durations : ndarray, shape (k,)
-        Start times and durations in s.
-    status : ndarray of int, shape (k, n_contacts)
-    displacement, velocity : ndarray, shape (k, n)
-        Modal states at the start of the segments.
-    gaps : ndarray, shape (k, n_contacts)
-        Gap functions at the start, m.
-    """
-
+    #: `starts`, `durations`: start times and durations in s, shape (k,).
     starts: NDArray[np.float64]
     durations: NDArray[np.float64]
-    status: NDArray[np.int64]
+    status: NDArray[np.int64]  #: Shape (k, n_contacts).
+    #: `displacement`, `velocity`: modal states at the start of the segments, shape (k, n).
     displacement: NDArray[np.float64]
     velocity: NDArray[np.float64]
-    gaps: NDArray[np.float64]
+    gaps: NDArray[np.float64]  #: Gap functions at the start, m, shape (k, n_contacts).

@@ -13,7 +13,6 @@ Systems, Springer 2004, doi:10.1007/978-3-540-44398-8.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +22,14 @@ from vofem.integrators.event_driven.loop import from_blocks, to_blocks
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.record import Record
 from vofem.integrators.event_driven.spectrum import Spectrum
-from vofem.integrators.event_driven.table import Table
-from vofem.integrators.event_driven.tangent import bounced
+from vofem.integrators.event_driven.table import BLOCKS, OF, Statuses
+from vofem.integrators.event_driven.tangent import Event, bounced, drifted, jumped
+from vofem.kernels.addresses import floats, shaped
 from vofem.kernels.jit import jit
-from vofem.linalg.exponential import matrix_change, oscillator
+from vofem.linalg.exponential import oscillator
 from vofem.linalg.oscillators import DELTA, SQUARE
 from vofem.linalg.vectors import inner
-from vofem.system import CLOSED, OPEN, PINNED, ContactLaws
+from vofem.system import CLOSED, ContactLaws
 
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
@@ -57,42 +57,17 @@ class Perturbation:
 
     def drift(self, spectrum: Spectrum, duration: float) -> None:
         """Follow the free motion of a status."""
-        z, v = spectrum.to_blocks(self._z, self._v, shifted=False)
-        clusters = () if spectrum.blocks is None else spectrum.blocks.clusters
-        together = [np.concatenate([z[cluster.member], v[cluster.member]]) for cluster in clusters]
-        _drift(spectrum.delta, spectrum.p, z, v, duration)
-        for cluster, both in zip(clusters, together, strict=True):
-            both = both + matrix_change(np.ascontiguousarray(cluster.generator), duration) @ both
-            z[cluster.member], v[cluster.member] = np.split(both, 2)
-        self._z, self._v = spectrum.to_modes(z, v, shifted=False)
-        self._renormalise()
+        self._take(*drifted(spectrum, self._z[:, None], self._v[:, None], duration))
 
-    def jump(self, events: Sequence[tuple[int, int, int]], velocity: Array) -> None:
-        """Pass an event.
-
-        Parameters
-        ----------
-        events : sequence of (contact, status before, status after)
-        velocity : ndarray, shape (n,)
-            Modal velocity of the run at the event.
-        """
+    def jump(self, event: Event) -> None:
+        """Pass an event. One that is met without speed, as at a grazing, is left out."""
         assert self._laws is not None
-        z, v = self._z.copy(), self._v.copy()
-        for j, before, after in events:
-            row = self._space.contacts[j]
-            if after == PINNED:
-                z -= row * (row @ z) / (row @ row)
-                v -= row * (row @ v) / (row @ row)
-                continue
-            speed = row @ velocity
-            if before == PINNED or speed == 0.0:
-                continue  # the reaction leaves its interval continuously: nothing jumps
-            step = self._laws.damping[j] * speed
-            if self._laws.jump[j]:
-                step += self._laws.stiffness[j] * self._laws.gap[j]
-            sign = -1.0 if (before, after) == (OPEN, CLOSED) else 1.0
-            v += sign * step * (row @ self._z) / speed * row
-        self._z, self._v = z, v
+        z, v = jumped(self._space, self._laws, event, self._z[:, None], self._v[:, None])
+        if np.isfinite(v).all():
+            self._take(z, v)
+
+    def _take(self, z: Array, v: Array) -> None:
+        self._z, self._v = np.ascontiguousarray(z[:, 0]), np.ascontiguousarray(v[:, 0])
         self._renormalise()
 
     def bounce(self, row: Array, restitution: float, rate: float, push: tuple[Array, Array]) -> None:
@@ -101,13 +76,13 @@ class Perturbation:
         self._z, self._v = struck(row, restitution, self._z), v
         self._renormalise()
 
-    def follow(self, table: Table, record: Record, index: int, growth: Array) -> int:
+    def follow(self, statuses: Statuses, record: Record, index: int, growth: Array) -> int:
         """Follow segments in compiled code until a status has no slot.
 
         Parameters
         ----------
-        table : Table
-            Statuses of the record under loads of any one kind, those without pinned contacts and without groups.
+        statuses : Statuses
+            Those of the record under loads of any one kind, those without pinned contacts and without groups.
         index : int
             The first segment.
         growth : ndarray, shape (n_segments + 1,)
@@ -126,8 +101,9 @@ class Perturbation:
         growth[index] = self.growth
         z, v = np.array(self._z), np.array(self._v)
         done = _travel(
-            table, np.array(record.statuses), record.status_numbers, record.durations, record.buffers.velocity,
-            np.array(rows), force, damping, self._frequency, index, z, v, growth,
+            statuses.table, statuses.slots[:, 0].copy(), np.array(record.statuses), record.status_numbers,
+            record.durations, record.buffers.velocity, np.array(rows), force, damping, self._frequency, index, z, v,
+            growth,
         )  # fmt: skip
         self._z, self._v, self.growth = z, v, float(growth[done])
         return int(done)
@@ -149,22 +125,23 @@ def _drift(delta: Array, p: Array, z: Array, v: Array, t: float) -> None:
 
 @jit
 def _travel(
-    table: Table, statuses: Status, numbers: Status, durations: Array, velocity: Array, rows: Array, force: Array,
-    damping: Array, frequency: Array, index: int, z: Array, v: Array, growth: Array,
+    table: Status, slots: Status, statuses: Status, numbers: Status, durations: Array, velocity: Array, rows: Array,
+    force: Array, damping: Array, frequency: Array, index: int, z: Array, v: Array, growth: Array,
 ) -> int:  # fmt: skip
     """Do what `Perturbation.drift` and `Perturbation.jump` do, for many segments; return the first one not treated."""
-    n, segments, loads, m = z.size, numbers.size, table.steady.shape[1] // 2, table.steady.shape[3]
-    both, change = np.empty((3, 2 * m)), np.empty(n)
+    n, segments = z.size, numbers.size
+    both, change = np.empty((3, 2 * n)), np.empty(n)
     while index < segments:
-        s = table.slots[numbers[index], 0]
+        s = slots[numbers[index]]
         after = numbers[index + 1] if index + 1 < segments else numbers[index]
-        if s < 0 or table.slots[after, 0] < 0:
+        if s < 0 or slots[after] < 0:
             return index
         before, after_status = statuses[numbers[index]], statuses[after]
-        to_blocks(table, s, z, v, both)
-        of = table.of[s]
-        _drift(of[DELTA, loads:], of[SQUARE, loads:], both[0, :m], both[0, m:], durations[index])
-        from_blocks(table, s, both, z, v)
+        slot = table[s]
+        of, loads = shaped(floats(slot[OF]), (SQUARE + 1, slot[BLOCKS])), slot[BLOCKS] - n
+        to_blocks(slot, z, v, both)
+        _drift(of[DELTA, loads:], of[SQUARE, loads:], both[0, :n], both[0, n:], durations[index])
+        from_blocks(slot, both, z, v)
         growth[index + 1] = growth[index] + _scaled(frequency, z, v)
         if after != numbers[index]:
             change[:] = 0.0

@@ -8,6 +8,7 @@ are unique (the problem is convex); else the choice that keeps most statuses is 
 
 from __future__ import annotations
 
+from functools import cached_property
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -18,9 +19,10 @@ from vofem.errors import ConvergenceError, MethodError
 from vofem.integrators.base import ContactSamples, Energies
 from vofem.integrators.event_driven.energy import work_and_dissipation
 from vofem.integrators.event_driven.modal_space import ModalSpace
-from vofem.integrators.event_driven.regime import Motion, Regime, flat
-from vofem.integrators.event_driven.sliders import DOWN, UP, Sliders, with_sliders
+from vofem.integrators.event_driven.regime import Motion, Regime, Regimes, flat
+from vofem.integrators.event_driven.sliders import Sliders, with_sliders
 from vofem.integrators.event_driven.solution import EventSolution
+from vofem.laws.friction import DOWN, UP
 from vofem.system import CLOSED, PINNED, Counters, Events, State, System
 
 Array = NDArray[np.float64]
@@ -238,8 +240,10 @@ class SlidingSolution(EventSolution):
 
         return exosystem(self.load_functions, edges, constant=True)
 
-    def _regime_options(self) -> dict[str, Any]:
-        return {"sliders": self.sliders}
+    @cached_property
+    def linear(self) -> Regimes:
+        """The linear pieces of all statuses."""
+        return Regimes(self.system, self.space, self.load_vectors, self.counters, self.sliders)
 
     def loads_at(self, regime: Regime, times: Array, displacement: Array, gaps: Array) -> Array:
         """Return states of the loads (m, 2, e) at beginnings of segments of one kind; anchors follow from the state."""
@@ -281,8 +285,8 @@ class SlidingSolution(EventSolution):
             states = self._states(regime, segments[mine], times[mine])
             force[:, mine] = laws.force(s[:, mine], self.space.contacts @ v[:, mine], status[:, None])
             held = np.flatnonzero(status == PINNED)
-            if regime.reactions is not None:
-                force[np.ix_(held, mine)] = regime.reactions.row @ flat(states).T
+            if regime.held:
+                force[np.ix_(held, mine)] = regime.reactions @ flat(states).T
             assert regime.sliding is not None
             force[np.ix_(np.arange(first, len(laws)), mine)] = regime.sliding.forces @ flat(states).T
         return force

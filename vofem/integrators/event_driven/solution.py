@@ -24,12 +24,12 @@ from vofem.integrators.event_driven.modal_samples import ModalSamples
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.pinned import may_pin, should_pin
 from vofem.integrators.event_driven.record import Record
-from vofem.integrators.event_driven.regime import Motion, Regime, drift_of, flat, regime_of, start_motion
+from vofem.integrators.event_driven.regime import Motion, Regime, Regimes, drift_of, flat, start_motion
 from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.event_driven.sensitivity import Perturbation
-from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
-from vofem.integrators.event_driven.table import MOST_MODES, Statuses, Table
-from vofem.integrators.event_driven.tangent import acceleration
+from vofem.integrators.event_driven.spectrum import Spectrum
+from vofem.integrators.event_driven.table import Statuses
+from vofem.integrators.event_driven.tangent import Event, acceleration
 from vofem.integrators.registry import advice
 from vofem.integrators.unclosed import never_closed, open_throughout
 from vofem.kernels.mode import as_it_ran, compiled, kernels
@@ -50,9 +50,6 @@ _MOST_STATUSES = 1000
 #: worth.
 _MANY_EVENTS = 30
 
-
-#: Linear pieces that are kept with an eigensystem, and only one in systems of more modes than these.
-_MOST_REGIMES, _FEW_MODES = 8, 300
 
 #: Numbers of the states of blocks that are computed together.
 _TOGETHER = 200_000
@@ -117,7 +114,6 @@ class EventSolution:
         self._kept: tuple[Array, Array, Array] | None = None
         #: How the run was computed, and so how it is sampled.
         self.compiled = compiled()
-        self._spectra = Spectra(space, system.contacts, counters, system.cache)
         self.record = Record(space.size, space.contacts.shape[0])
         # Gap functions at the end of the last segment, before an event there.
         self.gaps_now: Array | None = None
@@ -151,16 +147,14 @@ class EventSolution:
         return solution
 
     @cached_property
-    def row_sizes(self) -> Array:
-        """Bounds on the terms that the modal rows of the contacts are summed of, shape (n_contacts, n).
+    def linear(self) -> Regimes:
+        """The linear pieces of all statuses."""
+        return Regimes(self.system, self.space, self.load_vectors, self.counters)
 
-        The gap between bodies that move together is a difference of displacements, so its error is their rounding.
-        """
-        laws, shapes = self.system.contacts, self.space.shapes
-        assert laws is not None
-        return self.system.cache.get(
-            "sizes of modal contact rows", None, lambda: np.asarray(abs(laws.rows) @ np.abs(shapes))
-        )
+    @property
+    def row_sizes(self) -> Array:
+        """Bounds on the terms that the modal rows of the contacts are summed of, shape (n_contacts, n)."""
+        return self.linear.row_sizes
 
     @property
     def modes(self) -> tuple[Array, Array]:
@@ -226,6 +220,8 @@ class EventSolution:
 
     def _check_rigid(self, laws: ContactLaws, q: Array) -> None:
         """Open the rigid stops at the start, which bodies may touch but not penetrate; raise where one does."""
+        if not laws.rigid.any():
+            return
         inside = np.where(laws.rigid, laws.rows @ q - laws.gap, 0.0)
         inside[inside <= 1e-12 * (abs(laws.rows) @ np.abs(q) + np.abs(laws.gap))] = 0.0
         if inside.any():
@@ -431,7 +427,7 @@ class EventSolution:
 
     def spectrum(self, index: int) -> Spectrum:
         """Return the eigensystem of a segment."""
-        return self._spectra[self.record.status(index)]
+        return self.linear.spectra[self.record.status(index)]
 
     @cached_property
     def exosystem(self) -> Exosystem:
@@ -447,33 +443,12 @@ class EventSolution:
         return exosystem(self.load_functions, edges, constant=constant)
 
     def regime(self, status: Status, kind: int) -> Regime:
-        """Return the linear piece of a contact status under loads of a kind; it is kept with the eigensystem."""
-        spectrum, system = self._spectra[status], self.system
-        load = self.exosystem.function[kind], self.exosystem.omega[kind], self.exosystem.bend
-        # Systems with other loads share eigensystems.
-        key = self.t_end, self._loads_key, *(part.tobytes() for part in load)
-        known = spectrum.regimes
-        if key not in known:
-            if len(known) >= (_MOST_REGIMES if self.space.size <= _FEW_MODES else 1):
-                known.clear()
-            sizes = self.space.contacts if system.contacts is None else self.row_sizes
-            known[key] = regime_of(
-                spectrum, self.space, system.contacts, status, sizes, self.load_vectors, load, self.t_end,
-                **self._regime_options(),
-            )  # fmt: skip
-        return known[key]
-
-    def _regime_options(self) -> dict[str, Any]:
-        """Return what linear pieces depend on beside contacts and loads."""
-        return {}
+        """Return the linear piece of a contact status under loads of a kind."""
+        return self.linear.of(status, self.exosystem, kind)
 
     def loads_at(self, regime: Regime, times: Array, displacement: Array, gaps: Array) -> Array:
         """Return states of the loads (m, 2, e) at the beginnings of segments in modal displacements (m, n)."""
         return self.exosystem.at(times)
-
-    @cached_property
-    def _loads_key(self) -> bytes:
-        return self.load_vectors.tobytes() + (b"" if self.moving is None else self.moving.weights.tobytes())
 
     def regimes(self, segments: NDArray[np.int64]) -> Iterator[tuple[Regime, NDArray[np.int64]]]:
         """Yield the linear pieces of some segments, each with the places in `segments` of those that have it."""
@@ -580,14 +555,14 @@ class EventSolution:
         starts = self.record.starts
         segments = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, None)
         for regime, mine in self.regimes(segments):
-            if regime.reactions is not None:
+            if regime.held:
                 held = np.flatnonzero(self.record.status(segments[mine[0]]) == PINNED)
                 used, own = np.unique(segments[mine], return_inverse=True)
                 begins = self.begins(regime, used)
                 states = begins[own] + regime.changes(begins, own, times[mine] - starts[segments[mine]])
                 # The interval's ends are roots, found to rounding.
                 jump = np.where(laws.rigid[held], np.inf, laws.stiffness[held] * laws.gap[held])[:, None]
-                reaction = regime.reactions.row @ flat(states).T
+                reaction = regime.reactions @ flat(states).T
                 force[np.ix_(held, mine)] = np.clip(reaction, 0.0, jump)
         return force
 
@@ -653,14 +628,14 @@ class EventSolution:
                 index = done
                 continue
             status = record.status(index)
-            traveller.drift(self._spectra[status], record.durations[index])
+            traveller.drift(self.linear.spectra[status], record.durations[index])
             if index + 1 < record.segments:
-                after, (_, velocity) = record.status(index + 1), record.state(index + 1)
-                changed = np.flatnonzero(after != status)
+                after = record.status(index + 1)
                 if index + 1 in bounced:
                     traveller.bounce(*self.impact(bounced[index + 1]))
-                elif changed.size:
-                    traveller.jump([(int(j), int(status[j]), int(after[j])) for j in changed], velocity)
+                elif not np.array_equal(after, status):
+                    load = self.load(float(record.starts[index + 1]))
+                    traveller.jump(Event(status, after, *record.state(index + 1), load))
             index += 1
             growth[index] = traveller.growth
         return Sensitivity(np.append(self.segment_starts, self.t_end), growth)
@@ -686,12 +661,12 @@ class EventSolution:
         )
         return self.space.contacts[j], float(laws.restitution[j]), float(bounces.approach[k]), (before, after)
 
-    def _free_table(self) -> Table | None:
+    def _free_table(self) -> Statuses | None:
         """Return the statuses of the record in which a perturbation can be followed in compiled code, None where none.
 
         These are the ones without pinned contacts and groups.
         """
-        if not compiled() or self.space.size > MOST_MODES or len(self.record.statuses) > _MOST_STATUSES:
+        if not compiled() or len(self.record.statuses) > _MOST_STATUSES:
             return None
         held = Statuses(1)
         for number, status in enumerate(self.record.statuses):
@@ -699,7 +674,8 @@ class EventSolution:
                 regime = self.regime(status, 0)
                 if regime.blocks.group is None:
                     held.enter(regime, number, 0)
-        return held.room(len(self.record.statuses))
+        held.make_room(len(self.record.statuses))
+        return held if len(held.table) else None
 
     @property
     def start_energy(self) -> float:

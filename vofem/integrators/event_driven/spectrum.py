@@ -128,8 +128,8 @@ class Spectrum:
         return plain
 
     @cached_property
-    def regimes(self) -> dict[Any, Any]:
-        """Linear pieces of runs that have this eigensystem, by all that they depend on beside it."""
+    def unloaded(self) -> dict[bytes, Any]:
+        """What has this eigensystem of its own, by all on which that depends; see `Unloaded`."""
         return {}
 
     def to_blocks(self, displacement: Array, velocity: Array, *, shifted: bool = True) -> tuple[Array, Array]:

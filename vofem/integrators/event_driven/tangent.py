@@ -17,14 +17,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.event_driven.bounces import struck
 from vofem.integrators.event_driven.modal_space import ModalSpace
+from vofem.integrators.event_driven.pieces import turned
 from vofem.integrators.event_driven.spectrum import Spectrum
-from vofem.kernels.jit import jit
-from vofem.linalg.exponential import matrix_change, oscillator
+from vofem.linalg.exponential import matrix_change
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws
 
-Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 
@@ -34,23 +34,15 @@ _NOTHING = 1e-33
 
 
 class Event(NamedTuple):
-    """The data of an event that determine how perturbations change in it.
+    """The data of an event that determine how perturbations change in it."""
 
-    Attributes
-    ----------
-    before, after : ndarray of int, shape (n_contacts,)
-        Contact status.
-    displacement, velocity : ndarray, shape (n,)
-        Modal state before it.
-    load : ndarray, shape (n,)
-        Modal load.
-    """
-
+    #: `before`, `after`: contact status, shape (n_contacts,).
     before: Status
     after: Status
+    #: `displacement`, `velocity`: modal state before it, shape (n,).
     displacement: Array
     velocity: Array
-    load: Array
+    load: Array  #: Modal load, shape (n,).
 
 
 class Tangent:
@@ -58,19 +50,9 @@ class Tangent:
 
     Perturbations that have decayed to nothing, such as those of fast damped modes, are no longer computed.
 
-    Parameters
-    ----------
-    space : ModalSpace
-    laws : ContactLaws, optional
-    displacement, velocity : ndarray, shape (n, k)
-        Perturbations at the beginning.
-
-    Attributes
-    ----------
-    z, v : ndarray, shape (n, number of columns)
-        The perturbations that are left.
-    columns : ndarray of int
-        Numbers of these perturbations.
+    `displacement`, `velocity` (shape (n, k)): perturbations at the beginning.
+    `z`, `v` (shape (n, number of columns)): the perturbations that are left.
+    `columns`: numbers of these perturbations.
     """
 
     def __init__(self, space: ModalSpace, laws: ContactLaws | None, displacement: Array, velocity: Array) -> None:
@@ -100,84 +82,88 @@ class Tangent:
 
     def drift(self, spectrum: Spectrum, duration: float) -> None:
         """Follow the free motion of a status for a duration in s."""
-        z, v = spectrum.to_blocks(self.z, self.v, shifted=False)
-        delta, p = spectrum.delta[:, None], spectrum.p[:, None]
-        c, s = (part[:, None] for part in oscillators(spectrum.delta, spectrum.p, duration))
-        after_z, after_v = c * z + s * (v + delta * z), c * v - s * (p * z + delta * v)
-        if spectrum.plain is not None:
-            assert spectrum.blocks is not None
-            for cluster in spectrum.blocks.clusters:
-                k = cluster.member
-                both = np.concatenate([z[k], v[k]])
-                both = both + matrix_change(np.ascontiguousarray(cluster.generator), duration) @ both
-                after_z[k], after_v[k] = both[: k.size], both[k.size :]
-        self.z, self.v = spectrum.to_modes(after_z, after_v, shifted=False)
+        self.z, self.v = drifted(spectrum, self.z, self.v, duration)
         self._drop_what_has_decayed()
 
     def jump(self, event: Event) -> None:
-        """Apply the jump of an event. Contacts that switch at the same time are treated one after the other."""
-        laws = self._laws
-        assert laws is not None
-        now = event.before.copy()
-        for j in np.flatnonzero(event.before != event.after).tolist():
-            old, new = now[j], event.after[j]
-            following = now.copy()
-            following[j] = new
-            if new == PINNED:
-                self._pin(event, now, following, j)
-            elif old != PINNED:
-                self._switch(event, now, j, -1.0 if (old, new) == (OPEN, CLOSED) else 1.0)
-            # A pinned contact is released as its reaction reaches the force of the status that follows: nothing jumps.
-            now = following
+        """Apply the jump of an event."""
+        assert self._laws is not None
+        self.z, self.v = jumped(self._space, self._laws, event, self.z, self.v)
 
     def bounce(self, row: Array, restitution: float, rate: float, push: tuple[Array, Array]) -> None:
         """Pass an impact on a rigid stop; see `bounced`."""
         v = bounced(self.z, self.v, row, restitution, rate, push)
         self.z, self.v = struck(row, restitution, self.z), v
 
-    def _switch(self, event: Event, now: Status, contact: int, sign: float) -> None:
-        """Pass a closing (sign -1) or an opening (sign 1): the force jumps, and with it the acceleration."""
-        laws, row = self._laws, self._space.contacts[contact]
-        assert laws is not None
-        force, rate = laws.damping[contact], float(row @ event.velocity)
-        if laws.jump[contact] and laws.gap[contact] > 0.0:
-            force = force + laws.stiffness[contact] * laws.gap[contact] / rate if rate != 0.0 else np.inf
-        if force != 0.0:
-            direction = row - _onto(self._space.contacts[now == PINNED], row)
-            self.v = self.v + sign * force * np.outer(direction, row @ self.z)
 
-    def _pin(self, event: Event, now: Status, following: Status, contact: int) -> None:
-        """Pass the event by which a contact comes to rest at its gap."""
-        row = self._space.contacts[contact]
-        rows = self._space.contacts[following == PINNED]
-        velocity = event.velocity - _onto(rows, event.velocity)
-        along = row @ self.z
-        z, v = self.z - _onto(rows, self.z), self.v - _onto(rows, self.v)
-        rate = float(row @ event.velocity)
-        if rate != 0.0:
+def drifted(spectrum: Spectrum, z: Array, v: Array, duration: float) -> tuple[Array, Array]:
+    """Return perturbations, each (n, k), after a duration in s of the free motion of a status."""
+    z, v = spectrum.to_blocks(z, v, shifted=False)
+    after_z, after_v = turned(spectrum.delta, spectrum.p, duration, z, v)
+    for cluster in () if spectrum.blocks is None else spectrum.blocks.clusters:
+        k = cluster.member
+        both = np.concatenate([z[k], v[k]])
+        both = both + matrix_change(np.ascontiguousarray(cluster.generator), duration) @ both
+        after_z[k], after_v[k] = both[: k.size], both[k.size :]
+    return spectrum.to_modes(after_z, after_v, shifted=False)
 
-            def push(status: Status, speed: Array) -> Array:
-                return acceleration(self._space, self._laws, status, event.displacement, speed, event.load)
 
-            before, after = push(now, event.velocity), push(following, velocity)
-            # The displacement is continuous, and so are its rates along the surface.
-            v = v + np.outer(before - _onto(rows, before) - after, -along / rate)
-        self.z, self.v = z, v
+def jumped(space: ModalSpace, laws: ContactLaws, event: Event, z: Array, v: Array) -> tuple[Array, Array]:
+    """Return perturbations, each (n, k), after an event. Contacts that switch together are treated one by one."""
+    now = event.before.copy()
+    for j in np.flatnonzero(event.before != event.after).tolist():
+        old, new = now[j], event.after[j]
+        following = now.copy()
+        following[j] = new
+        if new == PINNED:
+            z, v = _pinned(space, laws, event, (now, following), j, z, v)
+        elif old != PINNED:
+            v = _switched(space, laws, event, now, j, -1.0 if (old, new) == (OPEN, CLOSED) else 1.0, z, v)
+        # A pinned contact is released as its reaction reaches the force of the status that follows: nothing jumps.
+        now = following
+    return z, v
+
+
+def _switched(
+    space: ModalSpace, laws: ContactLaws, event: Event, now: Status, contact: int, sign: float, z: Array, v: Array
+) -> Array:
+    """Return velocities after a closing (sign -1) or an opening (sign 1): the force jumps, with it the acceleration."""
+    row = space.contacts[contact]
+    force, rate = laws.damping[contact], float(row @ event.velocity)
+    if laws.jump[contact] and laws.gap[contact] > 0.0:
+        force = force + laws.stiffness[contact] * laws.gap[contact] / rate if rate != 0.0 else np.inf
+    if force == 0.0:
+        return v
+    direction = row - _onto(space.contacts[now == PINNED], row)
+    return v + sign * force * np.outer(direction, row @ z)
+
+
+def _pinned(
+    space: ModalSpace, laws: ContactLaws, event: Event, statuses: tuple[Status, Status], contact: int, z: Array,
+    v: Array,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Return perturbations after the event by which a contact comes to rest at its gap."""
+    (now, following), row = statuses, space.contacts[contact]
+    rows = space.contacts[following == PINNED]
+    velocity, along, rate = event.velocity - _onto(rows, event.velocity), row @ z, float(row @ event.velocity)
+    z, v = z - _onto(rows, z), v - _onto(rows, v)
+    if rate != 0.0:
+        before, after = (
+            acceleration(space, laws, status, event.displacement, speed, event.load)
+            for status, speed in ((now, event.velocity), (following, velocity))
+        )
+        # The displacement is continuous, and so are its rates along the surface.
+        v = v + np.outer(before - _onto(rows, before) - after, -along / rate)
+    return z, v
 
 
 def bounced(z: Array, v: Array, row: Array, restitution: float, rate: float, push: tuple[Array, Array]) -> Array:
     """Return the velocities of perturbations after an impact on a rigid stop, shape (n,) or (n, k).
 
-    Parameters
-    ----------
-    z, v : ndarray, shape (n,) or (n, k)
-        Perturbations before.
-    row : ndarray, shape (n,)
-    restitution : float
-    rate : float
-        Speed of approach, m/s.
-    push : (ndarray, ndarray)
-        Modal accelerations before and after, each (n,).
+    `z`, `v` (shape (n,) or (n, k)): perturbations before.
+    `row` has shape (n,).
+    `rate`: speed of approach, m/s.
+    `push`: modal accelerations before and after, each (n,).
     """
     before, after = push
     change = struck(row, restitution, before) - after
@@ -202,12 +188,3 @@ def _onto(rows: Array, vectors: Array) -> Array:
     if not rows.shape[0]:
         return np.zeros_like(vectors)
     return np.asarray(rows.T @ np.linalg.solve(rows @ rows.T, rows @ vectors))
-
-
-@jit
-def oscillators(delta: Array, p: Array, t: float) -> tuple[Array, Array]:
-    """Return `oscillator` of many oscillators, each of shape (n,)."""
-    c, s = np.empty(p.size), np.empty(p.size)
-    for k in range(p.size):
-        c[k], s[k] = oscillator(delta[k], p[k], t)
-    return c, s

@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import MethodError
 from vofem.integrators.base import Truncation
 from vofem.integrators.event_driven.lifted import TruncatedSolution
@@ -20,8 +20,6 @@ from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.reduction import Reduction, input_rows
 from vofem.integrators.registry import advice
 from vofem.system import State, System
-
-Array = NDArray[np.float64]
 
 #: Above this many unknowns a run is truncated to `TOLERANCE` by default.
 FULL_UNKNOWNS = 1000
@@ -60,12 +58,8 @@ def run_truncated(
 ) -> TruncatedSolution | None:
     """Return the run with as many Ritz vectors as the tolerance asks for; None where that is no reduction.
 
-    Parameters
-    ----------
-    tolerance : float
-        Accepted relative error of displacements.
-    follow : callable
-        Runs a reduced system.
+    `tolerance`: accepted relative error of displacements.
+    `follow`: runs a reduced system.
     """
     reduction = Reduction(system, start)
     if reduction.rounding > _WORST_ROUNDING:

@@ -12,15 +12,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.errors import EventStormError
-from vofem.integrators.event_driven.blocks import ready
+from vofem.integrators.event_driven.blocks import response
 from vofem.integrators.event_driven.bounces import REST, struck
 from vofem.integrators.event_driven.regime import Regime
-from vofem.integrators.event_driven.search import EventFunctions, exact_cut, march, search_space
-from vofem.integrators.event_driven.sliders import UP
+from vofem.integrators.event_driven.search import (
+    BEGINNING,
+    CONSTANTS,
+    FUNCTION_ROWS,
+    HIT,
+    ROWS,
+    SPARE,
+    START,
+    march,
+)
 from vofem.integrators.event_driven.sliding import SlidingSolution
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.tangent import acceleration
 from vofem.kernels.mode import kernels
+from vofem.laws.friction import UP
 from vofem.system import CLOSED, OPEN, PINNED
 
 Array = NDArray[np.float64]
@@ -99,7 +108,8 @@ class Walker:
             self._decide({})
             self._triggered = self._changed(record.last_status)
         if hits.size:
-            self._pass_event(dict(zip(regime.owner[hits].tolist(), regime.leads[hits].tolist(), strict=True)))
+            exits = regime.exits
+            self._pass_event(dict(zip(exits.owner[hits].tolist(), exits.leads[hits].tolist(), strict=True)))
             solution.gaps_now = self._gaps
 
     def _record(self) -> int:
@@ -112,41 +122,45 @@ class Walker:
 
     def _next_event(self, regime: Regime, begin: Array, duration: float) -> tuple[float, Status]:
         """Return the time until the next event, and the event functions that reach zero then."""
-        none = np.zeros(0, dtype=np.int64)
-        if not regime.sign.size:
+        none, exits = np.zeros(0, dtype=np.int64), regime.exits
+        if not exits.sign.size:
             return duration, none
-        contact = regime.sign != 0.0
-        owner = regime.owner
-        start = np.where(contact, regime.sign * self._gaps[regime.owner], np.sum(regime.rows * begin, axis=(1, 2)))
-        level = regime.level.copy()
+        contact = exits.sign != 0.0
+        owner = exits.owner
+        start = np.where(contact, exits.sign * self._gaps[exits.owner], np.sum(exits.rows * begin, axis=(1, 2)))
+        level = exits.level.copy()
         own = np.flatnonzero(owner >= self._sliders)
         if own.size:
             self._start_sliders(regime, start, level, own, duration)
         if regime.spectrum.blocks is not None:
             sizes = self.solution.row_sizes @ np.abs(self.displacement)
-            level += np.where(contact, sizes[regime.owner], 0.0)
+            level += np.where(contact, sizes[exits.owner], 0.0)
         slow = np.abs(self._rows @ self.velocity) <= _ZERO * (np.abs(self._rows) @ np.abs(self.velocity))
-        leaving = contact & (start == 0.0) & slow[regime.owner]
+        leaving = contact & (start == 0.0) & slow[exits.owner]
         if leaving.any():
             # What leaves its stop without speed, as forces slowly change their signs, is not followed from nothing.
-            level += np.where(leaving, self._forces()[regime.owner] * (_NEAR * duration) ** 2, 0.0)
-        m, first = begin.shape[1], regime.loads
-        terms = EventFunctions(regime.rows, regime.sizes, start, level, first, m if regime.mixed else first)
-        space = search_space(m, start.size)
-        tau, evaluations = march(terms, ready(regime.blocks), regime.levels, begin, duration, space)
+            level += np.where(leaving, self._forces()[exits.owner] * (_NEAR * duration) ** 2, 0.0)
+        blocks, first, m = regime.blocks, regime.loads, begin.shape[1]
+        x, f, spare = np.empty((ROWS, m)), np.empty((FUNCTION_ROWS, start.size)), np.empty(SPARE)
+        x[:START], x[START : START + 2] = blocks.of, begin
+        f[BEGINNING], f[CONSTANTS] = start, level
+        tau, evaluations = march(
+            x, f, exits.rows, exits.sizes, regime.levels, blocks.pair, blocks.gain,
+            response(blocks.pair.size > 0).address, blocks.group, first, m if regime.mixed else first, self.time,
+            duration, spare,
+        )  # fmt: skip
         self.solution.counters.gap_evaluations += evaluations * len(self._laws)
-        hits = np.flatnonzero(space.hits)
-        return (exact_cut(self.time, tau) if not hits.size and tau < duration else tau), hits
+        return tau, np.flatnonzero(f[HIT])
 
     def _start_sliders(self, regime: Regime, start: Array, level: Array, own: Status, duration: float) -> None:
         """Fill in values of the event functions of sliders at the start, and sizes of their constants."""
         assert isinstance(self.solution, SlidingSolution)
         sliders = self.solution.sliders
-        forces = self._forces()
+        forces, exits = self._forces(), regime.exits
         for k in own.tolist():
-            j, at = int(regime.owner[k]) - self._sliders, int(regime.owner[k])
+            j, at = int(exits.owner[k]) - self._sliders, int(exits.owner[k])
             if self.status[at] == CLOSED:
-                sign = 1.0 if regime.leads[k] == UP else -1.0
+                sign = 1.0 if exits.leads[k] == UP else -1.0
                 start[k] = sign * self._gaps[at] - sliders.static[j] / sliders.stiffness[j]
                 if at in self._triggered and start[k] >= 0.0:
                     # It has just come to rest, and its speed is zero but for rounding.

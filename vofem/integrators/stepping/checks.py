@@ -6,11 +6,9 @@ Neither depends on the times at which results are wanted.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.system import ContactLaws
-
-Array = NDArray[np.float64]
 
 #: Largest number of steps whose whole states are checked.
 _MOST_STATES = 1000
@@ -31,12 +29,8 @@ _GOLDEN = 0.6180339887498949
 def check_times(t_end: float, dt: float | None, size: int) -> Array:
     """Return the times whose states are checked, increasing, within [0, t_end].
 
-    Parameters
-    ----------
-    t_end, dt : float
-        End of the run and size of a step, s; dt is None where steps follow a tolerance.
-    size : int
-        Degrees of freedom.
+    `t_end`, `dt`: end of the run and size of a step, s; dt is None where steps follow a tolerance.
+    `size`: degrees of freedom.
     """
     most = max(_FEWEST_STATES, _ENTRIES // max(size, 1))
     if dt is None:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.laws import LawGroup
 from vofem.system import ContactLaws, System
-
-Array = NDArray[np.float64]
 
 
 def kinetic_energy(system: System, v: Array) -> Array:

@@ -70,9 +70,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import number
+from vofem.arrays import Array
 from vofem.errors import ArgumentError, MethodError, StepSizeError
 from vofem.integrators.base import ProbeRows
 from vofem.integrators.critical_step import critical_step
@@ -87,8 +87,6 @@ from vofem.integrators.stepping.run import EqualSteps, Scheme, march
 from vofem.integrators.stepping.step_loads import followed, note_loads
 from vofem.integrators.stepping.tolerance import note_tolerance, under_tolerance
 from vofem.system import Counters, State, System
-
-Array = NDArray[np.float64]
 
 #: The midpoint rule, and Newmark's explicit method.
 MIDPOINT, CENTRAL = Scheme(0.5, 0.5, 0.5, 0.25, mean=True), Scheme(0.0, 0.0, 0.5, 0.0)
@@ -133,10 +131,7 @@ def energy_conserving(
 ) -> SteppedSolution:  # fmt: skip
     """Simulate from the start state at t = 0 to t_end; `Method` describes the arguments.
 
-    Raises
-    ------
-    ConvergenceError
-        If a nonlinear spring that softens leaves a step without a solution.
+    Raises `ConvergenceError` if a nonlinear spring that softens leaves a step without a solution.
     """
     asked = Asked(system, start, t_end, times, dt, observer, resume, probes, tol, nearby)
     return _implicit(ENERGY_CONSERVING, MIDPOINT, asked, _CONSERVING, "; any dt is stable, tol= chooses by error")
@@ -149,17 +144,9 @@ def generalized_alpha(
 ) -> SteppedSolution:  # fmt: skip
     """Simulate from the start state at t = 0 to t_end; `Method` describes the arguments.
 
-    Parameters
-    ----------
-    **options
-        As `parameters` takes them.
-
-    Raises
-    ------
-    InstabilityError
-        If energy grows beyond what the loads can have done.
-    ConvergenceError
-        If a nonlinear spring that softens leaves a step without a solution.
+    `**options`: as `parameters` takes them.
+    Raises `InstabilityError` if energy grows beyond what the loads can have done.
+    Raises `ConvergenceError` if a nonlinear spring that softens leaves a step without a solution.
     """
     asked = Asked(system, start, t_end, times, dt, observer, resume, probes, tol, nearby)
     return _implicit(GENERALIZED_ALPHA, parameters(**options), asked, _IMPLICIT, "")
@@ -172,17 +159,9 @@ def central_difference(
 ) -> SteppedSolution:  # fmt: skip
     """Simulate from the start state at t = 0 to t_end.
 
-    Parameters
-    ----------
-    dt : float, optional
-        In s; half the critical step where not given. The other arguments are described in `Method`.
-
-    Raises
-    ------
-    StepSizeError
-        If dt is not below the critical step.
-    InstabilityError
-        If energy grows beyond what the loads can have done.
+    `dt`: in s; half the critical step where not given. The other arguments are described in `Method`.
+    Raises `StepSizeError` if dt is not below the critical step.
+    Raises `InstabilityError` if energy grows beyond what the loads can have done.
     """
     check_nearby(nearby)
     counters, notes = Counters(), list[str]()
@@ -220,10 +199,7 @@ def parameters(
 ) -> Scheme:
     """Return the numbers of the generalized-alpha method, those given in place of Chung and Hulbert's.
 
-    Raises
-    ------
-    ArgumentError
-        Outside [0, 1] for rho_infinity, or where linear systems would not be stable.
+    Raises `ArgumentError` outside [0, 1] for rho_infinity, or where linear systems would not be stable.
     """
     rho = number("simulate: rho_infinity", rho_infinity, minimum=0)
     if rho > 1.0:

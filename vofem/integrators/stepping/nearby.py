@@ -25,6 +25,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ArgumentError, VofemError
 from vofem.integrators.observer import deferred_interrupts
 from vofem.integrators.registry import advice
@@ -32,8 +33,6 @@ from vofem.integrators.stepping.record import Record
 from vofem.integrators.stepping.run import Run
 from vofem.kernels.mode import compiled
 from vofem.system import State
-
-Array = NDArray[np.float64]
 
 #: Disturbance of the start over the largest displacement.
 _DISTURBANCE = 1e-9
@@ -65,9 +64,7 @@ _WORK, _WORK_PLAIN, _OWN = 5e6, 1e5, 20
 def check_nearby(nearby: object) -> None:
     """Raise where the option is none that `note_growth` knows.
 
-    Raises
-    ------
-    ArgumentError
+    Raises `ArgumentError`.
     """
     if nearby is not None and not isinstance(nearby, bool):
         raise ArgumentError(
@@ -79,15 +76,9 @@ def check_nearby(nearby: object) -> None:
 def note_growth(nearby: bool | None, run: Run, out: Record, again: Callable[[State], Run]) -> list[str]:
     """Return a note where a finished run of equal steps is chaotic.
 
-    Parameters
-    ----------
-    nearby : bool, optional
-        Whether to make a second run; None makes it where it is worth its cost.
-    run : Run
-    out : Record
-        The record of the run, with the states at the times of its checks.
-    again : callable
-        Takes a start; returns a run of the same steps.
+    `nearby`: whether to make a second run; None makes it where it is worth its cost.
+    `out`: the record of the run, with the states at the times of its checks.
+    `again`: takes a start; returns a run of the same steps.
     """
     start = run.start
     if nearby is None:
@@ -109,14 +100,9 @@ def note_errors(
 ) -> list[str]:
     """Return a note where steps of another size lead to another motion.
 
-    Parameters
-    ----------
-    nearby, run, out
-        As `note_growth` has them.
-    critical : float, optional
-        Size in s that no step may reach.
-    again : callable
-        Takes a size of steps in s; returns a run from the same start.
+    `nearby`, `run`, `out`: as `note_growth` has them.
+    `critical`: size in s that no step may reach.
+    `again`: takes a size of steps in s; returns a run from the same start.
     """
     if nearby is None:
         nearby = (run.counters.events > 0 or run.laws.state.size > 0) and _cheap(run, _LONGER)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.base import Energies, Samples
 from vofem.integrators.method import Method
 from vofem.integrators.registry import advice
@@ -21,8 +22,6 @@ from vofem.integrators.stepping.checks import DRIFT, LOWEST, MISSED, PEAK, POWER
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.unclosed import never_closed
 from vofem.system import ContactLaws, Events, System
-
-Array = NDArray[np.float64]
 
 #: Error of the balance of energy at a step, over the largest energy, above which there is a note.
 _ENERGY = 0.01
@@ -52,27 +51,15 @@ _ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class Checked:
-    """What a run has recorded for its checks.
+    """What a run has recorded for its checks."""
 
-    Attributes
-    ----------
-    times : ndarray, shape (n_times,)
-        In s; those of `checks.check_times` up to the end of the run, or to its interruption.
-    samples : Samples
-        States at `times`.
-    parts : Energies
-        Energies at `times`, in the form that the method balances.
-    contacts : ndarray, shape (n_contacts, 11)
-        Findings on every contact, of `checks.contact_checks`.
-    missing : (float, float)
-        Largest error in J of the balance of energy between chunks of steps, and its time in s; for methods that
-        conserve energy at their steps.
-    """
-
+    #: In s; those of `checks.check_times` up to the end of the run, or to its interruption. Shape (n_times,).
     times: Array
-    samples: Samples
-    parts: Energies
-    contacts: Array
+    samples: Samples  #: States at `times`.
+    parts: Energies  #: Energies at `times`, in the form that the method balances.
+    contacts: Array  #: Findings on every contact, of `checks.contact_checks`, shape (n_contacts, 11).
+    #: Largest error in J of the balance of energy between chunks of steps, and its time in s; for methods that conserve
+    #: energy at their steps.
     missing: tuple[float, float]
 
 
@@ -81,18 +68,9 @@ def quality_notes(
 ) -> list[str]:
     """Return notes on a run.
 
-    Parameters
-    ----------
-    system : System
-    method : Method
-    checked : Checked
-    events : Events
-    first : float
-        Energy at t = 0 in the method's own form, J.
-    dt : float, optional
-        Size of a step, s; None where steps follow a tolerance.
-    t_end : float
-        End of the run, s.
+    `first`: energy at t = 0 in the method's own form, J.
+    `dt`: size of a step, s; None where steps follow a tolerance.
+    `t_end`: end of the run, s.
     """
     notes: list[str] = []
     if dt is not None and step_count(t_end, dt) == 1:

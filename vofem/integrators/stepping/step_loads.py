@@ -14,11 +14,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.sampled_loads import FEWEST_SAMPLES, loads_by_values
 from vofem.system import Counters, LoadFunction, System
 from vofem.time_functions import carried
-
-Array = NDArray[np.float64]
 
 #: Equal parts of a step, from whose moments those of half steps and the load within the step are found.
 PARTS = 16
@@ -42,13 +41,8 @@ _MOST = 10_000
 def followed(system: System, dt: float, t_end: float) -> tuple[float, str]:
     """Return a default step in s that follows the loads where that takes no more steps than a bound, and words for it.
 
-    Parameters
-    ----------
-    system : System
-    dt : float
-        The default step without loads, s.
-    t_end : float
-        End of the run, s.
+    `dt`: the default step without loads, s.
+    `t_end`: end of the run, s.
     """
     if not system.loads:
         return dt, ""
@@ -60,15 +54,9 @@ def followed(system: System, dt: float, t_end: float) -> tuple[float, str]:
 def note_loads(system: System, dt: float | None, t_end: float, notes: list[str]) -> None:
     """Add notes on loads that steps of a size in s do not follow, and on loads known by some of their values only.
 
-    Parameters
-    ----------
-    system : System
-    dt : float, optional
-        Size of a step, s; None where steps follow a tolerance.
-    t_end : float
-        In s.
-    notes : list of str
-        Notes are appended.
+    `dt`: size of a step, s; None where steps follow a tolerance.
+    `t_end`: in s.
+    `notes`: notes are appended.
     """
     if not system.loads:
         return
@@ -116,13 +104,10 @@ def _lag(system: System, dt: float | None, t_end: float) -> tuple[float, str]:
 class StepLoads:
     """The loads of a system over steps.
 
-    Attributes
-    ----------
-    until : float
-        End of the run in s. The last step may end later. Loads are never evaluated beyond the end, where a measured
-        load may be unknown. There the load is continued by a point reflection of its course before the end. The centre
-        of the reflection is the value at the end that mean and trend of the last steps predict; the trend is limited
-        to that of the means. A load that is a straight line is continued as that line.
+    `until`: end of the run in s. The last step may end later. Loads are never evaluated beyond the end, where a
+    measured load may be unknown. There the load is continued by a point reflection of its course before the end. The
+    centre of the reflection is the value at the end that mean and trend of the last steps predict; the trend is limited
+    to that of the means. A load that is a straight line is continued as that line.
     """
 
     def __init__(self, system: System, counters: Counters) -> None:
@@ -301,16 +286,9 @@ def of_halves(parts: Array) -> tuple[Array, Array]:
 def fluctuation(parts: Array, m0: Array, m1: Array) -> Array:
     """Return the displacement of a unit mass, over the step squared, by loads from which mean and trend are removed.
 
-    Parameters
-    ----------
-    parts : ndarray, shape (3, n_loads, n_parts)
-        Moments over equal parts of a step.
-    m0, m1 : ndarray, shape (n_loads,)
-        Mean and first moment over the whole step.
-
-    Returns
-    -------
-    fluctuation : ndarray, shape (n_loads,)
+    `parts` (shape (3, n_loads, n_parts)): moments over equal parts of a step.
+    `m0`, `m1` (shape (n_loads,)): mean and first moment over the whole step.
+    Returns `fluctuation` (shape (n_loads,)).
     """
     count = parts.shape[2]
     x = (np.arange(count) + 0.5) / count - 0.5

@@ -32,23 +32,14 @@ _MANY = 32
 class StepSizeControl:
     """The time that a run has reached, the size of its next step, and the decision on a step by its error.
 
-    Attributes
-    ----------
-    largest, tick : float
-        Largest and smallest size of a step, s.
-    ticks, last_tick : int
-        Time reached, and the end of the run, in units of `tick`.
-    level : int
-        The next step has the size ``largest / 2**level``.
-    size_of_motion : float
-        Displacement that errors are related to, m.
-    forced : int
-        Steps that were accepted at the smallest size with an error beyond their share.
-    period : float
-        Of the fastest load, s. Steps that are large against it grow when all steps of a period allow it, and do not
-        follow its phase: the errors of large steps would all be made at the same phase, and add up.
-    last_hard : int
-        Time, in units of `tick`, at which a step was last refused or had an error near its share.
+    `largest`, `tick`: largest and smallest size of a step, s.
+    `ticks`, `last_tick`: time reached, and the end of the run, in units of `tick`.
+    `level`: the next step has the size ``largest / 2**level``.
+    `size_of_motion`: displacement that errors are related to, m.
+    `forced`: steps that were accepted at the smallest size with an error beyond their share.
+    `period`: of the fastest load, s. Steps that are large against it grow when all steps of a period allow it, and do
+    not follow its phase: the errors of large steps would all be made at the same phase, and add up.
+    `last_hard`: time, in units of `tick`, at which a step was last refused or had an error near its share.
     """
 
     #: Attributes that change during a run; the others follow from its arguments.

@@ -16,8 +16,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.integrators.method import Method
 from vofem.integrators.observer import Observer
@@ -29,8 +29,6 @@ from vofem.integrators.stepping.step_loads import of_halves
 from vofem.integrators.stepping.step_size import HALVINGS, StepSizeControl
 from vofem.linalg.banded import solve, subtract_product
 from vofem.system import CLOSED, Counters, State, System
-
-Array = NDArray[np.float64]
 
 #: Number of steps of one call of `advance`.
 _CHUNK = 256
@@ -58,38 +56,22 @@ _STEPS = 1000
 
 
 class Attempt(NamedTuple):
-    """Result of a step that was taken as a whole and in halves.
+    """Result of a step that was taken as a whole and in halves."""
 
-    Attributes
-    ----------
-    solves : int
-        Contact solves; negative where a step has no solution.
-    ratio : float
-        Error over its share of the tolerance.
-    halves : Forcing or None
-        Loads over the halves.
-    """
-
-    solves: int
-    ratio: float = np.inf
-    halves: Forcing | None = None
+    solves: int  #: Contact solves; negative where a step has no solution.
+    ratio: float = np.inf  #: Error over its share of the tolerance.
+    halves: Forcing | None = None  #: Loads over the halves.
 
 
 class StepDoubling(StepSizeControl, Run):
     """A run of steps chosen by their error.
 
-    Attributes
-    ----------
-    fineness : float
-        How finely impacts are resolved, over what is done by default.
-    coarser : ndarray, shape (n_times, n)
-        What a run of a coarser tolerance found at the times of `check_times`, in band order.
-    last : float
-        Size of the last step in s, 0 before the first one.
-    gain : ndarray, shape (n,)
-        What the acceleration of the method gained in it.
-    means : ndarray, shape (2 n_loads,)
-        Of the loads over it.
+    `fineness`: how finely impacts are resolved, over what is done by default.
+    `coarser` (shape (n_times, n)): what a run of a coarser tolerance found at the times of `check_times`, in band
+    order.
+    `last`: size of the last step in s, 0 before the first one.
+    `gain` (shape (n,)): what the acceleration of the method gained in it.
+    `means` (shape (2 n_loads,)): of the loads over it.
     """
 
     place = (

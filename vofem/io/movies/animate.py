@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import choice, number, whole
+from vofem.arrays import Array
 from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
 from vofem.files.whole import replacing, target
@@ -26,7 +27,6 @@ from vofem.scene import Scene
 from vofem.studies.steady import PeriodicOrbit
 from vofem.vibration import Modes
 
-Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
 
 VIEWS = ("side", "history", "phase", "space")

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.bodies.base import Point
 from vofem.io.pictures.histories import closed_intervals
 from vofem.io.pictures.layout import arrange
@@ -17,7 +18,6 @@ from vofem.io.pictures.units import length
 from vofem.io.space import Stage
 from vofem.result import Result
 
-Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
 
 #: Times over which the whole motion is drawn behind the present one.

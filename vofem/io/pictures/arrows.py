@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from vofem.bodies.base import Point
 from vofem.io.pictures import shapes
 from vofem.io.pictures.drawing import CLOSED, CLOSED_TEXT, Drawing, Label
-from vofem.io.pictures.layout import Layout, moves_across
+from vofem.io.pictures.layout import Layout, full_scale, moves_across
 from vofem.io.pictures.pushes import Push
 from vofem.io.pictures.snapshot import Snapshot
 from vofem.io.pictures.units import spell
@@ -31,7 +30,7 @@ def add_loads(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
         elif push.largest > 0.0:
             bodies = {point.body for point in push.points}
             above = [k for k in view.links if (k.a.body in bodies and k.side == "above") or k.b is not None]
-            taken = [_face(layout, p, 1.0)[0] for k in above for p in (k.a, k.b) if p is not None and p.body in bodies]
+            taken = [layout.seen(p, 1.0)[0] for k in above for p in (k.a, k.b) if p is not None and p.body in bodies]
             _forces(drawing, layout, push, taken)
 
 
@@ -47,8 +46,8 @@ def add_contact_forces(drawing: Drawing, view: Snapshot, layout: Layout) -> None
             ends = [(link.a, -1.0 if lower_is_a else 1.0), (link.b, 1.0 if lower_is_a else -1.0)]
         size = _LONG * layout.unit * abs(link.force) / view.peak if view.peak > 0.0 else 0.0
         for point, direction in ends:
-            x, face = _face(layout, point, direction)
-            _, touched = _face(layout, point, -direction)
+            x, face = layout.seen(point, direction)
+            _, touched = layout.seen(point, -direction)
             _glow(drawing, x, touched, 46.0 * layout.unit)
             if size >= _SHORT * layout.unit:
                 way = direction * np.sign(link.force)
@@ -64,25 +63,13 @@ def _glow(drawing: Drawing, x: float, y: float, radius: float) -> None:
     drawing.patches.insert(0, drawing.patches.pop(count))
 
 
-def _face(layout: Layout, point: Point, side: float) -> tuple[float, float]:
-    """Return where a point is seen on the upper (1) or lower (-1) face of its body, in pixels."""
-    lane = layout.lanes[point.body]
-    state = lane.state
-    x = float(layout.along(point.body, point.x))
-    along = layout.along(point.body, state.x)
-    eta = float(np.interp(x, along, state.eta)) * layout.motion
-    depth = lane.half * float(np.interp(x, along, state.depth))
-    direction = point.body.shape.direction
-    return x + eta * direction[0], lane.axis + eta * direction[1] + side * depth
-
-
 def _forces(drawing: Drawing, layout: Layout, push: Push, taken: list[float]) -> None:
     """Add arrows on the upper face. Downward arrows end there, and upward arrows begin there."""
     unit = layout.unit
     tops = []
     for point, value in zip(push.points, push.values, strict=True):
         size = _LONG * unit * abs(float(value)) / push.largest
-        x, y = _face(layout, point, 1.0)
+        x, y = layout.seen(point, 1.0)
         # Beside other shapes that stand on the same place.
         x -= 34.0 * unit if any(abs(other - x) < 30.0 * unit for other in taken) else 0.0
         if not moves_across(point.body):
@@ -107,8 +94,8 @@ def _forces(drawing: Drawing, layout: Layout, push: Push, taken: list[float]) ->
 
 def _moment(drawing: Drawing, layout: Layout, push: Push) -> None:
     """Add an arc with a head, counter-clockwise where the moment is positive; it grows with the moment."""
-    x, upper = _face(layout, push.points[0], 1.0)
-    _, lower = _face(layout, push.points[0], -1.0)
+    x, upper = layout.seen(push.points[0], 1.0)
+    _, lower = layout.seen(push.points[0], -1.0)
     value, unit = float(push.values[0]), layout.unit
     share = value / push.largest
     y, radius = 0.5 * (upper + lower), 0.5 * (upper - lower) + 16.0 * unit
@@ -124,7 +111,7 @@ def _moment(drawing: Drawing, layout: Layout, push: Push) -> None:
 
 def _weight(drawing: Drawing, layout: Layout, push: Push) -> None:
     """Add an arrow for the direction of gravity, in the upper left corner."""
-    full = min(drawing.size[0] / 1600.0, drawing.size[1] / 700.0)
+    full = full_scale(drawing.size)
     g = float(push.values[0])
     x, low, high = 36.0 * full, drawing.size[1] - 92.0 * full, drawing.size[1] - 28.0 * full
     start, end = ((x, high), (x, low)) if g > 0.0 else ((x, low), (x, high))

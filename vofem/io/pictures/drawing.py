@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from vofem.arrays import Array
+
 Box = tuple[float, float, float, float]
 
 #: Colour map of the bending moment by its name in matplotlib: blue where negative, red where positive.

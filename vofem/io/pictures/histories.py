@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.bodies.base import Point
 from vofem.bodies.path import TravellingPoint
 from vofem.effects import Contact, RigidStop
@@ -18,8 +18,6 @@ from vofem.io.pictures.envelope import envelope_of
 from vofem.io.pictures.places import all_contacts
 from vofem.io.pictures.units import length, prefixed
 from vofem.result import Result
-
-Array = NDArray[np.float64]
 
 #: Times at which a run of event_driven, known at any time, is drawn: as many at least, so many for each
 #: contact event, and as many at most unless the run has more.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import whole
 from vofem.errors import ArgumentError
@@ -15,8 +14,6 @@ from vofem.histories.touches import spans_of
 from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, ink, plain, text_size
 from vofem.io.pictures.units import prefixed
 from vofem.result import Result
-
-Array = NDArray[np.float64]
 
 #: Number of times at which the force is evaluated in a run that is known at any time.
 _SAMPLES = 40_000

@@ -10,13 +10,12 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vofem.bodies.base import Body
+from vofem.arrays import Array
+from vofem.bodies.base import Body, Point
+from vofem.io.pictures.places import is_line
 from vofem.io.pictures.snapshot import BodyState, Link, Snapshot
 from vofem.io.pictures.units import nice_below
-
-Array = NDArray[np.float64]
 
 #: Lengths in pixels of a picture of 1600 x 700; all are scaled together.
 BEAM_HALF, MASS_HALF, BAR, SPRING_ROOM, PAD, MOTION = 26.0, 34.0, 18.0, 74.0, 10.0, 170.0
@@ -26,9 +25,9 @@ HEADER, SCALE_BAND, DIAGRAMS, SIDES = 74.0, 112.0, 150.0, (190.0, 210.0)
 _SMALLEST = 0.1
 
 
-def is_line(body: Body) -> bool:
-    """Return whether a body is drawn as a line, not as a block."""
-    return body.shape.kind == "line"
+def full_scale(size: tuple[int, int]) -> float:
+    """Return the pixels of a picture per pixel of one of 1600 x 700."""
+    return min(size[0] / 1600.0, size[1] / 700.0)
 
 
 def moves_across(body: Body) -> bool:
@@ -67,11 +66,28 @@ class Layout:
     @property
     def text(self) -> float:
         """Pixels per pixel of text: text shrinks less than shapes, to stay readable."""
-        return max(self.unit, 0.75 * min(self.size[0] / 1600.0, self.size[1] / 700.0))
+        return max(self.unit, 0.75 * full_scale(self.size))
 
     def along(self, body: Body, x: float | Array) -> Array:
         """Return the pixels of the x of a body."""
         return np.asarray(SIDES[0] * self.size[0] / 1600.0 + (x + self.lanes[body].shift - self._start) * self._scale)
+
+    def face(self, point: Point, side: float, x: float | None = None) -> tuple[float, float]:
+        """Return the heights of the upper (1) or lower (-1) face of a body, or of its axis (0), at rest and now.
+
+        They are those at a point, or at x in pixels beside it: a shape there follows the curve that is drawn.
+        """
+        lane = self.lanes[point.body]
+        state, along = lane.state, self.along(point.body, lane.state.x)
+        x = float(self.along(point.body, point.x)) if x is None else x
+        rest = lane.axis + side * lane.half * float(np.interp(x, along, state.depth))
+        return rest, rest + float(np.interp(x, along, state.eta)) * point.body.shape.direction[1] * self.motion
+
+    def seen(self, point: Point, side: float = 0.0) -> tuple[float, float]:
+        """Return where a point is seen, on the axis (0), the upper (1) or the lower (-1) face of its body."""
+        state = self.lanes[point.body].state
+        aside = float(np.interp(point.x, state.x, state.eta)) * point.body.shape.direction[0] * self.motion
+        return float(self.along(point.body, point.x)) + aside, self.face(point, side)[1]
 
 
 @dataclass(frozen=True)
@@ -112,7 +128,7 @@ def arrange(view: Snapshot, size: tuple[int, int], magnification: float | None) 
     if span == 0.0:  # masses only: a column in the middle of a picture one metre wide
         start, span = start - 0.5, 1.0
     scale = width / span
-    full = min(size[0] / 1600.0, size[1] / 700.0)
+    full = full_scale(size)
     lower = (SCALE_BAND if beams and not view.title else 40.0) * full
     upper = size[1] - HEADER * full
     room = upper - lower - (DIAGRAMS * full if bending else 0.0)
@@ -217,16 +233,8 @@ def _needs(view: Snapshot, order: list[Body], unit: float) -> list[_Needs]:
             side: max((g.gap for g in stops if g.side == side and (g.gap <= far or not far)), default=0.0)
             for side in ("below", "above")
         }
-        needs.append(
-            _Needs(
-                body,
-                (BEAM_HALF if is_line(body) else MASS_HALF) * unit,
-                "below" in sides,
-                "above" in sides,
-                max(-state.low, gaps["below"]),
-                max(state.high, gaps["above"]),
-            )
-        )
+        half, grounds = (BEAM_HALF if is_line(body) else MASS_HALF) * unit, ("below" in sides, "above" in sides)
+        needs.append(_Needs(body, half, *grounds, max(-state.low, gaps["below"]), max(state.high, gaps["above"])))
     return needs
 
 
@@ -254,14 +262,8 @@ def _rows(view: Snapshot, order: list[Body], shifts: dict[Body, float]) -> dict[
 
 def _merged(needs: list[_Needs]) -> _Needs:
     """Return the needs of bodies that share a row."""
-    return _Needs(
-        needs[0].body,
-        max(need.half for need in needs),
-        any(need.below for need in needs),
-        any(need.above for need in needs),
-        max(need.down for need in needs),
-        max(need.up for need in needs),
-    )
+    largest = (max(getattr(need, name) for need in needs) for name in ("half", "below", "above", "down", "up"))
+    return _Needs(needs[0].body, *largest)
 
 
 def _heights(

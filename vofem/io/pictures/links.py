@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
 
-from vofem.bodies.base import Body, Point
+from vofem.bodies.base import Body
 from vofem.io.pictures import shapes
 from vofem.io.pictures.arrows import add_gap
 from vofem.io.pictures.drawing import CLOSED, CLOSED_TEXT, GROUND, OPEN, OPEN_TEXT, SPRING, Drawing, Label
-from vofem.io.pictures.layout import MASS_HALF, Layout, moves_across, side_of_ground
+from vofem.io.pictures.layout import MASS_HALF, Layout, full_scale, moves_across, side_of_ground
 from vofem.io.pictures.snapshot import Link, Snapshot
 from vofem.io.pictures.units import spell
 
@@ -34,22 +31,8 @@ _ALWAYS = ("spring", "damper")
 _DIMENSIONS, _NARROW = 4, 12.0
 
 
-def _element(link: Link) -> Callable[..., None]:
-    """Return the function that draws a link."""
-    return shapes.damper if link.status == "damper" else shapes.spring
-
-
 #: The place along the picture of stops by their number among the links, and of ground springs by their mass, pixels.
 Slots = dict[int | Body, float]
-
-
-@dataclass(frozen=True)
-class _Foot:
-    """An end of a link on a body: the place along, the face at rest and the face now, in pixels."""
-
-    x: float
-    rest: float
-    now: float
 
 
 def add_links(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
@@ -114,34 +97,35 @@ def _slots(view: Snapshot, layout: Layout) -> tuple[Slots, float]:
     return slots, spacing
 
 
-def _foot(layout: Layout, point: Point, x: float, face: float) -> _Foot:
-    """Return where a link meets the upper (face 1) or lower (-1) face of a body."""
-    lane = layout.lanes[point.body]
-    state = lane.state
-    along = layout.along(point.body, state.x)
-    depth = lane.half * float(np.interp(x, along, state.depth))
-    # Beside its place a link follows the curve that is drawn there.
-    eta = float(np.interp(x, along, state.eta)) * point.body.shape.direction[1]
-    return _Foot(x, lane.axis + face * depth, lane.axis + face * depth + eta * layout.motion)
+def _connect(
+    drawing: Drawing, layout: Layout, link: Link, foot: tuple[float, float], end: tuple[float, float],
+    way: tuple[float, float], half: float, width: float,
+) -> None:  # fmt: skip
+    """Draw a link from its foot to its end; a stop has a pad at its foot, across the way to its end."""
+    thick = 0.0 if link.status in _ALWAYS else 7.0 * layout.unit
+    top = (foot[0] + thick * way[0], foot[1] + thick * way[1])
+    color, kind = _COLORS[link.status][0], "damper" if link.status == "damper" else "spring"
+    shapes.element(drawing, top, end, 0.7 * half, color, width, kind)
+    if thick:
+        x, y = half * abs(way[1]), half * abs(way[0])
+        drawing.rectangle((foot[0] - x, top[0] + x), (foot[1] - y, top[1] + y), color)
+
+
+def _width(layout: Layout, half: float) -> float:
+    return max(1.5, min(4.6 * layout.unit, 0.25 * half))
 
 
 def _stop(
     drawing: Drawing, layout: Layout, link: Link, x: float, ground: float, face: float, half: float
 ) -> tuple[float, float]:
     """Draw a stop or a spring to ground; return where its label goes."""
-    foot = _foot(layout, link.a, x, face)
-    free = foot.rest + face * link.gap * layout.motion
-    pad = free if link.status == "open" else foot.now
+    rest, now = layout.face(link.a, face, x)
+    pad = rest + face * link.gap * layout.motion if link.status == "open" else now
     # A gap far beyond the motion does not fit: its pad stays in the picture, near the ground.
     limit = ground - face * _SHORTEST * layout.unit
     pad = min(pad, limit) if face > 0 else max(pad, limit)
-    color = _COLORS[link.status][0]
-    width = max(1.5, min(4.6 * layout.unit, 0.25 * half))
-    thick = 0.0 if link.status in _ALWAYS else 7.0 * layout.unit
-    _element(link)(drawing, (x, pad + face * thick), (x, ground), 0.7 * half, color, width)
+    _connect(drawing, layout, link, (x, pad), (x, ground), (0.0, face), half, _width(layout, half))
     drawing.taken.append((x - 0.7 * half, min(pad, ground), x + 0.7 * half, max(pad, ground)))
-    if thick:
-        drawing.rectangle((x - half, x + half), (pad, pad + face * thick), color)
     return x, 0.5 * (pad + ground)
 
 
@@ -157,18 +141,14 @@ def _dimensions(drawing: Drawing, view: Snapshot, layout: Layout, slots: Slots, 
         return
     for x, link in stops:
         face = 1.0 if link.side == "above" else -1.0
-        rest = _foot(layout, link.a, x, face).rest
+        rest = layout.face(link.a, face, x)[0]
         add_gap(drawing, layout, x - half - 12.0 * layout.unit, rest, rest + face * link.gap * layout.motion, link.gap)
 
 
 def _rotation(drawing: Drawing, layout: Layout, link: Link) -> tuple[float, float]:
     """Draw a link on rotations as a spiral at point a, with a line to point b; return the place of its label."""
-    ends = []
-    for point in (link.a, link.b):
-        if point is not None:
-            x = float(layout.along(point.body, point.x))
-            upper, lower = (_foot(layout, point, x, face).now for face in (1.0, -1.0))
-            ends.append((x, 0.5 * (upper + lower)))
+    points = [point for point in (link.a, link.b) if point is not None]
+    ends = [(float(layout.along(point.body, point.x)), layout.face(point, 0.0)[1]) for point in points]
     color, width = _COLORS[link.status][0], 3.0 * layout.unit
     if len(ends) == 2:
         drawing.line([x for x, _ in ends], [y for _, y in ends], color, width)
@@ -180,21 +160,15 @@ def _rotation(drawing: Drawing, layout: Layout, link: Link) -> tuple[float, floa
 
 def _stop_along(drawing: Drawing, layout: Layout, link: Link, half: float) -> tuple[float, float]:
     """Draw a stop or a spring to ground of a body that moves along its axis; return where its label goes."""
-    lane, unit = layout.lanes[link.a.body], layout.unit
-    eta = float(np.interp(link.a.x, lane.state.x, lane.state.eta))
-    rest = float(layout.along(link.a.body, link.a.x))
+    lane, unit, (now, y) = layout.lanes[link.a.body], layout.unit, layout.seen(link.a)
     face = 1.0 if link.side == "above" else -1.0
     if link.status in _ALWAYS:  # its ground stands beyond the nearer end
         face = 1.0 if link.a.x > 0.5 * (lane.state.x[0] + lane.state.x[-1]) else -1.0
-    free, now = rest + face * link.gap * layout.motion, rest + eta * layout.motion
+    free = float(layout.along(link.a.body, link.a.x)) + face * link.gap * layout.motion
     pad = free if link.status == "open" else now
-    thick = 0.0 if link.status in _ALWAYS else 7.0 * unit
     ground = max(free, pad, key=lambda x: face * x) + face * (_SHORTEST + 40.0) * unit
-    color, y = _COLORS[link.status][0], lane.axis
-    _element(link)(drawing, (pad + face * thick, y), (ground, y), 0.7 * half, color, 3.0 * unit)
     drawing.rectangle((ground, ground + face * 18.0 * unit), (y - 50.0 * unit, y + 50.0 * unit), GROUND)
-    if thick:
-        drawing.rectangle((pad, pad + face * thick), (y - half, y + half), color)
+    _connect(drawing, layout, link, (pad, y), (ground, y), (face, 0.0), half, 3.0 * unit)
     # Beside the border of the picture a label has room over the body only.
     return pad - face * 80.0 * unit, y + 70.0 * unit
 
@@ -209,26 +183,16 @@ def _is_far(layout: Layout, link: Link) -> bool:
 def _between(drawing: Drawing, layout: Layout, link: Link, half: float) -> tuple[float, float]:
     """Draw a link between two bodies: it hangs under the upper one, with a pad that meets the lower one."""
     assert link.b is not None
-    ends = []
-    for point in (link.a, link.b):
-        ends.append((point, float(layout.along(point.body, point.x))))
     a_below = layout.lanes[link.a.body].axis < layout.lanes[link.b.body].axis
-    if not a_below:
-        ends.reverse()
-    low = _foot(layout, ends[0][0], ends[0][1], 1.0)
-    high = _foot(layout, ends[1][0], ends[1][1], -1.0)
-    color = _COLORS[link.status][0]
-    width = max(1.5, min(4.6 * layout.unit, 0.25 * half))
-    thick = 0.0 if link.status in _ALWAYS else 7.0 * layout.unit
-    at = low.now
+    lower, upper = (link.a, link.b) if a_below else (link.b, link.a)
+    low, high = (float(layout.along(point.body, point.x)) for point in (lower, upper))
+    (rest, at), (hung, top) = layout.face(lower, 1.0), layout.face(upper, -1.0)
     if link.status == "open" and a_below:
         # The spring keeps its length: the pad moves with the upper body.
-        at = max(low.rest + link.gap * layout.motion + high.now - high.rest, low.now)
-    _element(link)(drawing, (low.x, at + thick), (high.x, high.now), 0.7 * half, color, width)
-    drawing.taken.append((low.x - 0.7 * half, min(at, high.now), low.x + 0.7 * half, max(at, high.now)))
-    if thick:
-        drawing.rectangle((low.x - half, low.x + half), (at, at + thick), color)
-    return 0.5 * (low.x + high.x), 0.5 * (at + high.now)
+        at = max(rest + link.gap * layout.motion + top - hung, at)
+    _connect(drawing, layout, link, (low, at), (high, top), (0.0, 1.0), half, _width(layout, half))
+    drawing.taken.append((low - 0.7 * half, min(at, top), low + 0.7 * half, max(at, top)))
+    return 0.5 * (low + high), 0.5 * (at + top)
 
 
 def _ground_springs(drawing: Drawing, layout: Layout, slots: Slots, half: float) -> None:
@@ -240,7 +204,7 @@ def _ground_springs(drawing: Drawing, layout: Layout, slots: Slots, half: float)
         ground = lane.ceiling if hangs else lane.floor
         assert ground is not None
         face = MASS_HALF * layout.unit if hangs else -MASS_HALF * layout.unit
-        shapes.spring(drawing, (x, y + face), (x, ground), 0.7 * half, SPRING, 4.0 * layout.unit)
+        shapes.element(drawing, (x, y + face), (x, ground), 0.7 * half, SPRING, 4.0 * layout.unit)
 
 
 def _labels(drawing: Drawing, layout: Layout, wanted: list[tuple[Link, float, float, float]]) -> None:
@@ -262,7 +226,7 @@ def _labels(drawing: Drawing, layout: Layout, wanted: list[tuple[Link, float, fl
     if omitted:
         active = [link.force for link in contacts if link.status != "open"]
         text = f"{len(active)} of {len(contacts)} contacts closed"
-        full = min(drawing.size[0] / 1600.0, drawing.size[1] / 700.0)
+        full = full_scale(drawing.size)
         drawing.labels.append(
             Label(drawing.size[0] - 30.0 * full, 30.0 * full, text, CLOSED_TEXT, 21.0 * full, "right", bold=True)
         )

@@ -9,10 +9,14 @@ from vofem.bodies.base import Body
 from vofem.bodies.path import TravellingPoint
 from vofem.effects import Contact, Foundation, RigidStop
 from vofem.errors import ArgumentError
-from vofem.io.pictures.layout import is_line
 from vofem.scene import Scene
 
 AnyBody = TypeVar("AnyBody", bound=Body)
+
+
+def is_line(body: Body) -> bool:
+    """Return whether a body is drawn as a line, not as a block."""
+    return body.shape.kind == "line"
 
 
 class Place(NamedTuple):
@@ -28,21 +32,11 @@ class Place(NamedTuple):
 def along_beam(scene: Scene, beam: Body) -> list[Place]:
     """Return the contacts of a beam or another line, those of one-sided foundations too, but none that travel."""
     places = []
-    held = set(scene.model.system.contacts.names) if scene.model.system.contacts is not None else set()
-    for effect in scene.effects:
-        if isinstance(effect, (Contact, RigidStop)):
-            surface = (
-                None
-                if effect.b is not None or effect.of == "rotation"
-                else -effect.gap
-                if effect.side == "below"
-                else effect.gap
-            )
-            own = [p for p in effect.points() if p.body is beam and not isinstance(p, TravellingPoint)]
-            places += [Place(effect.name, p.x, surface) for p in own]
-        elif isinstance(effect, Foundation) and effect.beam is beam:
-            nodes = [(f"{effect.name}[{node}]", float(x)) for node, x in enumerate(effect.beam.nodes)]
-            places += [Place(name, x, -effect.gap) for name, x in nodes if name in held]
+    for contact in all_contacts(scene):
+        fixed = contact.b is None and contact.of != "rotation"
+        surface = (-contact.gap if contact.side == "below" else contact.gap) if fixed else None
+        own = [p for p in contact.points() if p.body is beam and not isinstance(p, TravellingPoint)]
+        places += [Place(contact.name, p.x, surface) for p in own]
     return places
 
 

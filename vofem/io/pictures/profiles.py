@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem.bodies import Beam
 from vofem.errors import ArgumentError
@@ -18,7 +18,6 @@ from vofem.scene import Scene
 from vofem.statics import Equilibrium
 from vofem.system import OPEN
 
-Array = NDArray[np.float64]
 Outcome = Result | Equilibrium
 Others = tuple[str, ArrayLike, ArrayLike]
 

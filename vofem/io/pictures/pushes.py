@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.bodies import Beam
 from vofem.bodies.base import Point
 from vofem.bodies.path import place_at
@@ -15,8 +15,6 @@ from vofem.effects import DistributedLoad, Gravity, PointLoad, PointMoment
 from vofem.errors import VofemError
 from vofem.scene import Scene
 from vofem.time_functions import as_time_function
-
-Array = NDArray[np.float64]
 
 #: Arrows of a distributed load.
 _ARROWS = 9

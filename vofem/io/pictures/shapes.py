@@ -3,31 +3,38 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from vofem.io.pictures.drawing import BLOCK, GROUND, Drawing, Patch, circle
 
-Array = NDArray[np.float64]
-
 _COILS = 5
+_ZIGZAG = (np.arange(2 * _COILS) + 0.5) / (2 * _COILS)
+
+#: Strokes of a spring and of a dashpot, shape (k, 2): shares of the way from start to end, and of half the width.
+_STROKES = {
+    "spring": [
+        [(0.0, 0.0), (0.12, 0.0), *zip(0.12 + 0.76 * _ZIGZAG, (-1.0) ** np.arange(2 * _COILS), strict=True),
+         (0.88, 0.0), (1.0, 0.0)],
+    ],
+    "damper": [
+        [(0.0, 0.0), (0.48, 0.0)],
+        [(0.48, -0.7), (0.48, 0.7)],
+        [(0.3, -1.0), (0.68, -1.0), (0.68, 1.0), (0.3, 1.0)],
+        [(0.68, 0.0), (1.0, 0.0)],
+    ],
+}  # fmt: skip
 
 
-def spring(
-    drawing: Drawing,
-    start: tuple[float, float],
-    end: tuple[float, float],
-    half: float,
-    color: str,
-    width: float,
+def element(
+    drawing: Drawing, start: ArrayLike, end: ArrayLike, half: float, color: str, width: float, kind: str = "spring"
 ) -> None:
-    """Add a zigzag of half width `half` from start to end, with a straight piece at either end."""
-    along = np.concatenate([[0.0, 0.12], 0.12 + 0.76 * (np.arange(2 * _COILS) + 0.5) / (2 * _COILS), [0.88, 1.0]])
-    aside = np.concatenate([[0.0, 0.0], half * (-1.0) ** np.arange(2 * _COILS), [0.0, 0.0]])
-    first, last = np.array(start), np.array(end)
-    direction = last - first
-    normal = np.array([-direction[1], direction[0]]) / max(float(np.hypot(*direction)), 1e-9)
-    points = first + along[:, None] * direction + aside[:, None] * normal
-    drawing.line(points[:, 0], points[:, 1], color, width, behind=True)
+    """Add a spring, a zigzag of half width `half`, or a dashpot, a piston in a cup, from start to end in pixels."""
+    first = np.asarray(start, dtype=float)
+    way = np.asarray(end, dtype=float) - first
+    normal = half * np.array([-way[1], way[0]]) / max(float(np.hypot(*way)), 1e-9)
+    for stroke in _STROKES[kind]:
+        points = first + np.array(stroke) @ np.stack([way, normal])
+        drawing.line(points[:, 0], points[:, 1], color, width, behind=True)
 
 
 def clamp(drawing: Drawing, x: float, y: float, half: float, unit: float, facing: int) -> None:
@@ -77,30 +84,7 @@ def spiral(drawing: Drawing, x: float, y: float, radius: float, color: str, widt
     drawing.line(x + away * np.cos(turn), y + away * np.sin(turn), color, width)
 
 
-def damper(
-    drawing: Drawing,
-    start: tuple[float, float],
-    end: tuple[float, float],
-    half: float,
-    color: str,
-    width: float,
-) -> None:
-    """Add a dashpot from start to end: a piston in a cup of half width `half`."""
-    first, last = np.array(start), np.array(end)
-    direction = last - first
-    normal = half * np.array([-direction[1], direction[0]]) / max(float(np.hypot(*direction)), 1e-9)
-
-    def stroke(*places: tuple[float, float]) -> None:
-        points = np.array([first + along * direction + aside * normal for along, aside in places])
-        drawing.line(points[:, 0], points[:, 1], color, width, behind=True)
-
-    stroke((0.0, 0.0), (0.48, 0.0))
-    stroke((0.48, -0.7), (0.48, 0.7))
-    stroke((0.3, -1.0), (0.68, -1.0), (0.68, 1.0), (0.3, 1.0))
-    stroke((0.68, 0.0), (1.0, 0.0))
-
-
-def arrow(drawing: Drawing, start: tuple[float, float], end: tuple[float, float], unit: float, color: str) -> None:
+def arrow(drawing: Drawing, start: ArrayLike, end: ArrayLike, unit: float, color: str) -> None:
     """Add an arrow from start to end, whose head is at most as long as the arrow."""
     first, last = np.array(start, dtype=float), np.array(end, dtype=float)
     size = float(np.hypot(*(last - first)))

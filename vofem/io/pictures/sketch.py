@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import number
+from vofem.arrays import Array
 from vofem.bodies import Beam
 from vofem.effects import Joint
 from vofem.errors import ArgumentError
@@ -24,12 +24,11 @@ from vofem.io.pictures.drawing import (
     Label,
     Strip,
 )
-from vofem.io.pictures.layout import BAR, Lane, Layout, arrange, is_line, side_of_ground
+from vofem.io.pictures.layout import BAR, Lane, Layout, arrange, full_scale, side_of_ground
 from vofem.io.pictures.links import add_links
+from vofem.io.pictures.places import is_line
 from vofem.io.pictures.snapshot import Snapshot
 from vofem.io.pictures.units import length, nice_above, nice_below, prefixed, spell, three_digits
-
-Array = NDArray[np.float64]
 
 _SMALLEST, _LARGEST = 200, 8000
 
@@ -85,12 +84,8 @@ def _checked(size: tuple[int, int]) -> tuple[int, int]:
     return width, height
 
 
-def _full(size: tuple[int, int]) -> float:
-    return min(size[0] / 1600.0, size[1] / 700.0)
-
-
 def _title(drawing: Drawing, view: Snapshot, layout: Layout, before: str) -> None:
-    full = _full(drawing.size)
+    full = full_scale(drawing.size)
     parts = [before] if before else []
     parts.append(view.title or ("equilibrium" if view.time is None else f"t = {_spelled(view.time)}"))
     # The size of a mode shape is arbitrary.
@@ -128,7 +123,7 @@ def _labelled_place(body: object, x: Array, eta: Array) -> tuple[str, float]:
 
 def _color_bar(drawing: Drawing, view: Snapshot) -> float:
     """Add the scale of bending moments; return the factor of its unit."""
-    full = _full(drawing.size)
+    full = full_scale(drawing.size)
     largest = max(max(state.moment_high, -state.moment_low) for state in view.bodies)
     limit = nice_above(largest)
     factor, unit = prefixed(limit, "N·m")
@@ -146,7 +141,7 @@ def _color_bar(drawing: Drawing, view: Snapshot) -> float:
 
 def _diagrams(drawing: Drawing, layout: Layout, beams: list[Lane], factor: float) -> None:
     """Add the moment diagrams, on the side of the beam that is in tension, all in one scale."""
-    full = _full(drawing.size)
+    full = full_scale(drawing.size)
     room = (layout.diagrams - 12.0 * full) / len(beams)
     inner = room * (1.0 if len(beams) == 1 else 0.86)
     ranges = [lane.state.moment_high - lane.state.moment_low for lane in beams]
@@ -235,11 +230,7 @@ def _line(drawing: Drawing, layout: Layout, lane: Lane) -> None:
 
 def _joint(drawing: Drawing, layout: Layout, joint: Joint) -> None:
     """Add a joint: a ring in the axis for a hinge, a disc for a rigid one, and a bar between two rows."""
-    ends = []
-    for point in joint.points():
-        lane = layout.lanes[point.body]
-        eta = float(np.interp(point.x, lane.state.x, lane.state.eta))
-        ends.append((float(layout.along(point.body, point.x)), lane.axis + eta * layout.motion))
+    ends = [layout.seen(point) for point in joint.points()]
     if layout.lanes[joint.a.body].axis != layout.lanes[joint.b.body].axis:
         drawing.line([x for x, _ in ends], [y for _, y in ends], BLOCK, 5.0 * layout.unit)
     for x, y in ends:
@@ -251,11 +242,7 @@ def _joint(drawing: Drawing, layout: Layout, joint: Joint) -> None:
 def _point_masses(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
     """Add a disc on the axis where a point mass is attached."""
     for point in view.weights:
-        lane = layout.lanes[point.body]
-        state = lane.state
-        eta = float(np.interp(point.x, state.x, state.eta)) * layout.motion
-        x = float(layout.along(point.body, point.x)) + eta * point.body.shape.direction[0]
-        drawing.dot(x, lane.axis + eta * point.body.shape.direction[1], BLOCK, 1.3 * lane.half)
+        drawing.dot(*layout.seen(point), BLOCK, 1.3 * layout.lanes[point.body].half)
 
 
 def _mass(drawing: Drawing, layout: Layout, lane: Lane, side: str) -> None:
@@ -273,7 +260,7 @@ def _mass(drawing: Drawing, layout: Layout, lane: Lane, side: str) -> None:
     # Between two others there is no ground to stand on: an arm leads to a ledge beside them.
     arm, ledge = x + 1.3 * half + 150.0 * unit, lane.axis + lane.state.low * layout.motion - 62.0 * unit
     drawing.line([x + 1.3 * half, arm], y, BLOCK, 4.0 * unit, behind=True)
-    shapes.spring(drawing, (arm, y), (arm, ledge), 14.0 * unit, SPRING, 3.4 * unit)
+    shapes.element(drawing, (arm, y), (arm, ledge), 14.0 * unit, SPRING, 3.4 * unit)
     drawing.rectangle((arm - 40.0 * unit, arm + 40.0 * unit), (ledge - 0.5 * BAR * unit, ledge), GROUND)
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import number
+from vofem.arrays import Array
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Point
 from vofem.bodies.path import place_at
@@ -21,13 +22,15 @@ from vofem.effects import (
 )
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
+from vofem.io.pictures.places import all_contacts
 from vofem.io.pictures.pushes import Push, pushes
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.statics import Equilibrium
 from vofem.system import CLOSED, OPEN, PINNED
 
-Array = NDArray[np.float64]
+#: A field along a beam, of x.
+Field = Callable[[Array, Beam], Array]
 
 #: A beam is drawn through about this many points, and the range of a run is taken from as many times.
 _POINTS, _TIMES = 240, 240
@@ -88,77 +91,75 @@ class Snapshot:
 
 
 def snapshot(outcome: Result | Equilibrium, t: float | None, scene: Scene | None = None) -> Snapshot:
-    """Return the data that a picture of one time needs.
-
-    Ranges are those of the whole run, so that pictures of one run at several
-    times have one magnification and one scale of colours.
-
-    Parameters
-    ----------
-    outcome : Result or Equilibrium
-    t : float
-        Time in s, within the run; not used for an equilibrium.
-    scene : Scene, optional
-        The scene. It is needed for an equilibrium, which has no reference to its scene.
-    """
+    """Return the data that a picture of one time in s needs; an equilibrium has no time, and needs its scene."""
     if isinstance(outcome, Equilibrium):
         if scene is None:
             raise ArgumentError("a picture of an equilibrium needs scene=, the Scene that it is the equilibrium of")
         states = {name: (c.status, c.force) for name, c in outcome.contacts.items()}
-        bodies = tuple(_at_rest(outcome, body) for body in scene.bodies)
-        peak = max((abs(force) for _, force in states.values()), default=0.0)
-        return Snapshot(None, bodies, _links(scene, states), _joints(scene), peak, weights=_weights(scene))
+        found = _states(
+            scene.bodies,
+            lambda body: np.asarray(body.shape.rows @ outcome.state_of(body.name)[0])[:, None],
+            lambda x, beam: outcome.deflection(x, beam)[:, None],
+            lambda x, beam: outcome.bending_moment(x, beam)[:, None],
+        )
+        return _view(scene, found[0], states, peak=max((abs(force) for _, force in states.values()), default=0.0))
     if not isinstance(outcome, Result):
         raise ArgumentError(f"expected the outcome of simulate or equilibrium, found {outcome!r}")
     return snapshots(outcome, np.array([number("the time of a picture", t)]))[0]
 
 
 def snapshots(result: Result, times: Array) -> list[Snapshot]:
-    """Return the data that pictures of a run at several times need, with the ranges of the whole run.
+    """Return the data that pictures of a run need at some times within it, s, shape (n_times,).
 
-    `times` (shape (n_times,)): times in s, within the run.
+    Ranges are those of the whole run, so that all of its pictures have one magnification and one scale of colours.
     """
-    bodies = [_in_motion(result, body, times) for body in result.scene.bodies]
-    contacts, peak = _contact_states(result, times)
-    scene, joints = result.scene, _joints(result.scene)
-    loads = pushes(scene, result.t_start + times, result.t_start + _times_of_range(result))
+    run, scene = _times_of_range(result), result.scene
+    # The pictures' own times come first, then the run.
+    every = np.concatenate([times, run])
+    bodies = _states(
+        scene.bodies,
+        lambda body: result.along_shape(body, every),
+        lambda x, beam: result.deflection(x, every, beam),
+        lambda x, beam: result.bending_moment(x, every, beam),
+        times.size,
+    )
+    contacts, peak = _contact_states(result, every, times.size)
+    loads = pushes(scene, result.t_start + times, result.t_start + run)
     return [
-        Snapshot(
-            float(t), tuple(states[k] for states in bodies),
-            _links(scene, contacts[k] | _crushed(result, float(t)), result.t_start + float(t)), joints, peak, "",
-            loads[k], _weights(scene, result.t_start + float(t)),
+        _view(
+            scene, bodies[k], contacts[k] | _crushed(result, t), result.t_start + t, time=t,
+            peak=peak, pushes=loads[k],
         )
-        for k, t in enumerate(times)
+        for k, t in enumerate(times.tolist())
     ]  # fmt: skip
 
 
 def fixed_parts(scene: Scene) -> Snapshot:
     """Return springs, dashpots, point masses and joints of a scene at rest, without bodies, contacts and loads."""
-    laws = scene.model.system.contacts
-    states = {} if laws is None else dict.fromkeys(laws.names, ("open", 0.0))
-    links = tuple(link for link in _links(scene, states) if link.status in ("spring", "damper"))
-    return Snapshot(None, (), links, _joints(scene), weights=_weights(scene))
+    view = _view(scene, [], _all_open(scene))
+    return replace(view, links=tuple(link for link in view.links if link.status in ("spring", "damper")))
 
 
 def at_rest(scene: Scene) -> Snapshot:
     """Return a scene before anything has moved, contacts open."""
+    bodies = _states(scene.bodies, lambda body: np.zeros((body.shape.x.size, 1)), _nothing, _nothing)
+    return _view(scene, bodies[0], _all_open(scene), title="at rest")
+
+
+def _view(
+    scene: Scene, bodies: Iterable[BodyState], states: dict[str, tuple[str, float]], t: float = 0.0, *,
+    time: float | None = None, **parts: Any,
+) -> Snapshot:  # fmt: skip
+    """Return bodies with contacts, whose status and force are given, and all else at the time t of the loads in s."""
+    joints = tuple(effect for effect in scene.effects if isinstance(effect, Joint))
+    weights = (place_at(effect.point, t) for effect in scene.effects if isinstance(effect, PointMass))
+    there = tuple(point for point in weights if point is not None)
+    return Snapshot(time, tuple(bodies), _links(scene, states, t), joints, weights=there, **parts)
+
+
+def _all_open(scene: Scene) -> dict[str, tuple[str, float]]:
     laws = scene.model.system.contacts
-    states = {} if laws is None else dict.fromkeys(laws.names, ("open", 0.0))
-    bodies = []
-    for body in scene.bodies:
-        if isinstance(body, Beam):
-            x = np.linspace(body.nodes[0], body.nodes[-1], _POINTS + 1)
-            bodies += _beam(body, x, np.zeros((x.size, 1)), np.zeros((x.size, 1)))
-        else:
-            bodies += _plain(body, np.zeros((body.shape.x.size, 1)))
-    return Snapshot(
-        None, tuple(bodies), _links(scene, states), _joints(scene), title="at rest", weights=_weights(scene)
-    )
-
-
-def _weights(scene: Scene, t: float = 0.0) -> tuple[Point, ...]:
-    points = (place_at(effect.point, t) for effect in scene.effects if isinstance(effect, PointMass))
-    return tuple(point for point in points if point is not None)
+    return {} if laws is None else dict.fromkeys(laws.names, ("open", 0.0))
 
 
 def _crushed(result: Result, t: float) -> dict[str, tuple[str, float]]:
@@ -172,48 +173,35 @@ def _crushed(result: Result, t: float) -> dict[str, tuple[str, float]]:
     return {name: ("closed" if force > 0.0 else "open", force) for name, force in forces.items()}
 
 
-def _joints(scene: Scene) -> tuple[Joint, ...]:
-    return tuple(effect for effect in scene.effects if isinstance(effect, Joint))
-
-
-def _contact_states(result: Result, times: Array) -> tuple[list[dict[str, tuple[str, float]]], float]:
-    """Return status and force of all contacts at some times, and the largest force of the run."""
+def _contact_states(result: Result, every: Array, count: int) -> tuple[list[dict[str, tuple[str, float]]], float]:
+    """Return status and force of all contacts at the first `count` of some times, and the largest force at all."""
     laws = result.model.system.contacts
     if laws is None:
-        return [{} for _ in times], 0.0
-    every = np.concatenate([times, _times_of_range(result)])
+        return [{} for _ in range(count)], 0.0
     samples = result.solution.contacts(every)
     names = {OPEN: "open", CLOSED: "closed", PINNED: "pinned"}
     states = [
         {name: (names[int(samples.status[j, k])], float(samples.force[j, k])) for j, name in enumerate(laws.names)}
-        for k in range(times.size)
+        for k in range(count)
     ]
     return states, float(np.max(np.abs(samples.force), initial=0.0))
 
 
 def _links(scene: Scene, states: dict[str, tuple[str, float]], t: float = 0.0) -> tuple[Link, ...]:
     """Return contacts with their status and force, springs and dashpots; what travels is where it is at t in s."""
-    stops = [*scene.contacts, *(effect for effect in scene.effects if isinstance(effect, CrushingStop))]
+    stops = [*all_contacts(scene), *(effect for effect in scene.effects if isinstance(effect, CrushingStop))]
     links = []
     for s in stops:
         turns = s.of == "rotation"
         status = states.get(s.name, ("open", 0.0))
         links.append(Link(s.name, s.a, s.b, s.side or "below", 0.0 if turns else s.gap, *status, turns))
-    beds = [effect for effect in scene.effects if isinstance(effect, Foundation)]
-    links += [
-        Link(name, bed.beam.at(float(x)), None, "below", bed.gap, *states[name])
-        for bed in beds
-        if bed.one_sided
-        for node, x in enumerate(bed.beam.nodes)
-        if (name := f"{bed.name}[{node}]") in states
-    ]
     for effect in scene.effects:
         if isinstance(effect, TwoPoints) and effect.symbol in ("spring", "damper"):
             links.append(Link("", effect.a, effect.b, "below", 0.0, effect.symbol, 0.0, effect.of == "rotation"))
         elif isinstance(effect, RotationalSpring):
             links.append(Link("", effect.point, effect.other, "below", 0.0, "spring", 0.0, True))
-    for bed in beds:
-        if not bed.one_sided:
+    for bed in scene.effects:
+        if isinstance(bed, Foundation) and not bed.one_sided:
             nodes, held = bed.beam.nodes, [bed.beam.nodes[node] for node in bed.beam.supports]
             places = np.linspace(nodes[0], nodes[-1], min(nodes.size, _BED))
             points = [bed.beam.at(float(x)) for x in places if not np.any(np.isclose(x, held))]
@@ -222,27 +210,6 @@ def _links(scene: Scene, states: dict[str, tuple[str, float]], t: float = 0.0) -
     return tuple(
         new for new, old in zip(placed, links, strict=True) if new.a is not None and (new.b is None) is (old.b is None)
     )
-
-
-def _at_rest(outcome: Equilibrium, body: Body) -> BodyState:
-    if not isinstance(body, Beam):
-        return _plain(body, np.asarray(body.shape.rows @ outcome.state_of(body.name)[0])[:, None])[0]
-    x, eta, moment = _sampled(
-        body, lambda x: outcome.deflection(x, body)[:, None], lambda x: outcome.bending_moment(x, body)[:, None]
-    )
-    return _beam(body, x, eta, moment)[0]
-
-
-def _in_motion(result: Result, body: Body, times: Array) -> list[BodyState]:
-    """Return a body at some times."""
-    # The pictures' own times come first, then the run.
-    every = np.concatenate([times, _times_of_range(result)])
-    if not isinstance(body, Beam):
-        return _plain(body, result.along_shape(body, every), times.size)
-    x, eta, moment = _sampled(
-        body, lambda x: result.deflection(x, every, body), lambda x: result.bending_moment(x, every, body)
-    )
-    return _beam(body, x, eta, moment, times.size)
 
 
 def _times_of_range(result: Result) -> Array:
@@ -254,9 +221,7 @@ def _times_of_range(result: Result) -> Array:
     return stored[np.unique(np.linspace(0, stored.size - 1, _TIMES).round().astype(int))]
 
 
-def _sampled(
-    beam: Beam, deflection: Callable[[Array], Array], bending_moment: Callable[[Array], Array]
-) -> tuple[Array, Array, Array]:
+def _sampled(beam: Beam, deflection: Field, bending_moment: Field) -> tuple[Array, Array, Array]:
     """Return x (k,), eta (k, n_times) and M (k, n_times) along a beam.
 
     The moment of cubic elements jumps from one to the next by the error of
@@ -266,32 +231,42 @@ def _sampled(
     count = beam.element_lengths.size
     if count > 2 * _POINTS:
         x = np.linspace(beam.nodes[0], beam.nodes[-1], _POINTS + 1)
-        return x, deflection(x), bending_moment(x)
+        return x, deflection(x, beam), bending_moment(x, beam)
     each = max(4, -(-_POINTS // count))
     inside = np.arange(each) / each
     x = np.append((beam.nodes[:-1, None] + inside * beam.element_lengths[:, None]).ravel(), beam.nodes[-1])
-    moment = bending_moment(x)
+    moment = bending_moment(x, beam)
     inner = np.arange(1, count)
-    before = bending_moment(x[inner * each] - 1e-6 * beam.element_lengths[:-1])
+    before = bending_moment(x[inner * each] - 1e-6 * beam.element_lengths[:-1], beam)
     jumps = np.array([beam.supports.get(node, "pinned") != "pinned" for node in inner.tolist()], dtype=bool)
     smooth = inner[~jumps] * each
     moment[smooth] = 0.5 * (moment[smooth] + before[~jumps])
     moment = np.insert(moment, inner[jumps] * each, before[jumps], axis=0)
     x = np.insert(x, inner[jumps] * each, x[inner[jumps] * each])
-    return x, deflection(x), moment
+    return x, deflection(x, beam), moment
 
 
-def _beam(beam: Beam, x: Array, eta: Array, moment: Array, count: int = 1) -> list[BodyState]:
-    """Return a beam at the first `count` of the times of eta and moment, each (k, n_times), with the ranges of all."""
-    # A section of constant width has EI in proportion to the cube of its depth.
-    depth = np.cbrt(beam.bending_stiffness(x)[0])
-    depth = np.clip(depth / depth.max(), 0.3, 1.0)
-    ranges = [float(of(part, initial=0.0)) for part in (eta, moment) for of in (np.min, np.max)]
-    return [BodyState(beam, x, eta[:, k], moment[:, k], depth, *ranges) for k in range(count)]
+def _nothing(x: Array, beam: Beam) -> Array:
+    return np.zeros((x.size, 1))
 
 
-def _plain(body: Body, u: Array, count: int = 1) -> list[BodyState]:
-    """Return a body without bending moments, from the displacement of its places, shape (k, n_times)."""
-    x, low, high = body.shape.x, float(np.min(u, initial=0.0)), float(np.max(u, initial=0.0))
-    nothing, depth = np.zeros(x.size), np.ones(x.size)
-    return [BodyState(body, x, u[:, k], nothing, depth, low, high, 0.0, 0.0) for k in range(count)]
+def _states(
+    bodies: Iterable[Body], plain: Callable[[Body], Array], deflection: Field, bending_moment: Field, count: int = 1
+) -> list[list[BodyState]]:
+    """Return all bodies at each of the first `count` of some times, with the ranges of all times.
+
+    `plain` returns the displacement of the places of a body, the others fields of a beam at x, each (k, n_times).
+    """
+    found = []
+    for body in bodies:
+        if isinstance(body, Beam):
+            x, eta, moment = _sampled(body, deflection, bending_moment)
+            # A section of constant width has EI in proportion to the cube of its depth.
+            depth = np.cbrt(body.bending_stiffness(x)[0])
+            depth = np.clip(depth / depth.max(), 0.3, 1.0)
+        else:
+            x, eta = body.shape.x, plain(body)
+            moment, depth = np.zeros(eta.shape), np.ones(x.size)
+        ranges = [float(of(part, initial=0.0)) for part in (eta, moment) for of in (np.min, np.max)]
+        found.append([BodyState(body, x, eta[:, k], moment[:, k], depth, *ranges) for k in range(count)])
+    return [list(states) for states in zip(*found, strict=True)]

@@ -11,8 +11,7 @@ from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
 from vofem.io.pictures.axes import Canvas, Where, figure, ink, stroke, text_size
 from vofem.io.pictures.histories import closed_intervals
-from vofem.io.pictures.layout import is_line
-from vofem.io.pictures.places import along_beam, between_masses, one_line
+from vofem.io.pictures.places import along_beam, between_masses, is_line, one_line
 from vofem.io.pictures.units import length
 from vofem.result import Result
 

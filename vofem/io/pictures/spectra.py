@@ -5,16 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import choice, number
+from vofem.arrays import Array
 from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
 from vofem.io.pictures.axes import Canvas, Where, figure, ink, plain, stroke, text_size
 from vofem.result import Result
-
-Array = NDArray[np.float64]
 
 _KINDS = ("amplitude", "psd", "spectrogram")
 _UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s^2"}

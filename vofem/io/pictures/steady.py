@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
 from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, ink, legend, plain, stroke, text_size
 from vofem.io.pictures.units import length
 from vofem.studies.steady import Branch, Locus, PeriodicOrbit, PoincareSection
-
-Array = NDArray[np.float64]
 
 #: How special points are marked and named; their colours are numbers among those of the picture.
 MARKS = {
@@ -24,6 +23,7 @@ MARKS = {
     "neimark_sacker": ("s", 3, "Neimark-Sacker"),
     "grazing": ("^", 2, "grazing"),
     "branch_point": ("P", 5, "branch point"),
+    "sticking": ("X", 2, "onset of sticking"),
 }
 
 #: The same for points at which a locus is special itself.

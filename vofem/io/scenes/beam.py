@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -25,6 +25,7 @@ class MeshPath(Kind):
     text: str = "A mesh file, in place of `length` and `elements`."
 
     expected = "the path of a mesh file, relative to the scene file"
+    schema: ClassVar = {"type": "string"}
 
     def read(self, value: Any, place: Place) -> Path | Invalid:
         """Return the path."""
@@ -40,10 +41,6 @@ class MeshPath(Kind):
         except ValueError:  # another drive of Windows
             relative = goal
         return Name().write(Path(relative).as_posix(), book)
-
-    def described(self) -> dict[str, Any]:
-        """Return a text."""
-        return {"type": "string", **super().described()}
 
 
 MESH = MeshPath()

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.result import Result
-
-Array = NDArray[np.float64]
 
 
 def _amplitude(values: Array) -> float:

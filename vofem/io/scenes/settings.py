@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import choice, one_of
+from vofem.arrays import Array
 from vofem.effects.kinds import AtPoint
 from vofem.errors import ArgumentError
 from vofem.integrators.registry import method_named, method_names
@@ -16,8 +17,6 @@ from vofem.parameters import Choice, Count, Kind, Numbers, Real, declared, rule
 from vofem.parameters.declared import keys_of, made_of, read, read_values, schema_of, write, write_inside
 from vofem.parameters.place import INVALID, Book, Invalid, Place
 from vofem.simulate.methods import option_names
-
-Array = NDArray[np.float64]
 
 
 @declared(frozen=True)

@@ -14,8 +14,8 @@ from typing import Any
 import h5py
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ArgumentError, ConvergenceError, MissingCallableError, SceneFileError
 from vofem.files.hdf5 import check_format, mark_format, writing
 from vofem.files.whole import target
@@ -37,8 +37,6 @@ from vofem.studies.steady.point import Interval
 from vofem.studies.steady.shooting import Shooting, orbit_result
 from vofem.studies.steady.steady_state import as_guess
 from vofem.system import State
-
-Array = NDArray[np.float64]
 
 SUFFIXES = (".h5", ".hdf")
 

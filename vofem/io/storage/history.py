@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.files.hdf5 import FILTERS, Blocks
 from vofem.histories.energy import Energy
 from vofem.histories.tables import points_of_interest
@@ -22,8 +23,6 @@ from vofem.integrators.base import ContactSamples, ProbeSamples, Samples
 from vofem.io.storage.blocks import block_slices, chunks
 from vofem.result import Result
 from vofem.system import Events
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

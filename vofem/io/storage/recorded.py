@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem.arrays import Array
 from vofem.bodies import Beam, Body, Point
 from vofem.bodies.coefficient import evaluate_along
 from vofem.errors import MissingCallableError
@@ -24,8 +25,6 @@ from vofem.io.storage.tree import name_of_class
 from vofem.parameters import changed, declarations, is_declared, label_of, values_of
 from vofem.scene import Scene
 from vofem.time_functions import Arbitrary, Piece, TimeFunction
-
-Array = NDArray[np.float64]
 
 #: Values per element of a function of x.
 _PER_ELEMENT = 20

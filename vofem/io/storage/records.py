@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.bodies import Beam, Mass, Path, Point, TravellingPoint
 from vofem.bodies.supports import ByNode
 from vofem.effects import LinearSoftening, NonlinearSpring, Resolved
@@ -30,8 +30,6 @@ from vofem.scene import Scene, as_scene
 from vofem.system import System
 from vofem.time_functions import TimeFunction
 from vofem.time_functions.base import FUNCTIONS
-
-Array = NDArray[np.float64]
 
 #: Declared classes by their names in files.
 _CLASSES: dict[str, type] = {

@@ -10,14 +10,12 @@ from __future__ import annotations
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.files.hdf5 import FILTERS, Blocks
 from vofem.io.frames import Frames
 from vofem.io.storage.blocks import empty_dataset
 from vofem.result import Result
-
-Array = NDArray[np.float64]
 
 #: Number of frames that are written by default. Fields on the grid take several times as much space as the history.
 _MOST_FRAMES = 1000

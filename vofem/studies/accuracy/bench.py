@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem._validate import number, whole
 from vofem.errors import ArgumentError, VofemError
 from vofem.integrators.methods import EVENT_DRIVEN
 from vofem.integrators.registry import without_second_run
@@ -17,14 +17,12 @@ from vofem.kernels.mode import compiled
 from vofem.result import Result
 from vofem.scene import Scene, as_scene
 from vofem.simulate.simulation import simulate
-from vofem.studies.accuracy.exact import Exact, Question, exact, rounding
+from vofem.studies.accuracy.exact import Exact, Question, exact, rounding, simulated
 from vofem.studies.accuracy.quantities import Observed, compare, observe
 from vofem.studies.accuracy.spread import spread
 from vofem.studies.accuracy.study import LeftOut, Reference, Run, Setting, Study
 from vofem.studies.accuracy.timing import best_time, machine
 from vofem.studies.remesh import can_have, element_count, remeshed
-
-Array = NDArray[np.float64]
 
 #: Called with the number of parts of a study that are done, their total number, and a name of the next part.
 Progress = Callable[[int, int, str], None]
@@ -34,16 +32,6 @@ _FINER = 4
 
 #: Least time of a step for every unknown, s. Runs that would take far too long by it are not started.
 _LEAST = 1e-8
-
-
-@dataclass(frozen=True)
-class Effort:
-    """How long a study may take."""
-
-    repeats: int = 3  #: Runs of which the shortest time counts.
-    cap: float = 10.0  #: In s. A run that would take longer is left out; none is repeated beyond it.
-    workers: int = 1  #: Processes for runs that are not timed.
-    progress: Progress | None = None
 
 
 class Source:
@@ -78,17 +66,25 @@ class Source:
 
 
 class Bench:
-    """Reference and runs of one scene.
+    """Reference and runs of one scene; `what` is the function that was called, for messages.
 
-    `t_end`: end of the runs, s.
-    `samples`: number of uniform times at which runs are compared.
+    The arguments are those of `work_precision`. `meshes` are the numbers of elements that the caller asks for, in
+    order, or None.
     """
 
-    def __init__(self, source: Source, t_end: float, samples: int, point: Any, effort: Effort) -> None:
-        self.source, self.t_end, self.effort = source, t_end, effort
-        times = np.linspace(0.0, t_end, samples)
-        scene = source.scene(source.own)
-        self.question = Question(t_end, times, point or default_point(scene, t_end), effort.cap)
+    def __init__(
+        self, what: str, scene: Scene | Callable[[int], Scene], t_end: float, elements: Iterable[int] | None,
+        point: Any, samples: int, repeats: int, cap: float, workers: int, progress: Progress | None,
+    ) -> None:  # fmt: skip
+        self.t_end = number(f"{what}: t_end", t_end, positive=True)
+        self.repeats, self.workers = whole(f"{what}: repeats", repeats), whole(f"{what}: workers", workers)
+        self.cap = number(f"{what}: cap", cap, positive=True)
+        self.meshes = None if elements is None else _whole_numbers(f"{what}: elements", elements)
+        self.source = Source(scene, self.meshes[0] if self.meshes else None)
+        times = np.linspace(0.0, self.t_end, whole(f"{what}: samples", samples, 2))
+        own = self.source.scene(self.source.own)
+        self.question = Question(self.t_end, times, point or default_point(own, self.t_end), self.cap)
+        self._progress = progress
         self.runs: list[Run] = []
         self.left_out: list[LeftOut] = []
         self.reference: Reference | None = None
@@ -113,15 +109,15 @@ class Bench:
             wanted += [n for n in (finest * factor // 2, finest * factor) if n not in wanted]
         new = [n for n in wanted if n not in self._exact]
         for done, n in enumerate(new):
-            self._report(done, len(new), f"assembling {n} elements" if n else "assembling")
+            self.report(done, len(new), f"assembling {n} elements" if n else "assembling")
             begin = time.perf_counter()
             _ = self.source.scene(n).model
             self._assembly[n] = time.perf_counter() - begin
         jobs = [(self.source.scene(n), self.question) for n in new]
-        self._report(0, len(jobs), "reference")
-        for done, (index, found) in enumerate(spread(exact, jobs, self.effort.workers)):
+        self.report(0, len(jobs), "reference")
+        for done, (index, found) in enumerate(spread(exact, jobs, self.workers)):
             self._exact[new[index]] = found
-            self._report(done + 1, len(jobs), "reference")
+            self.report(done + 1, len(jobs), "reference")
         self._choose_reference(max(self._exact))
 
     def _choose_reference(self, finest: int) -> None:
@@ -157,8 +153,8 @@ class Bench:
         `expected`: seconds that the run will take by what is known of others.
         """
         found: Run | LeftOut
-        if expected > self.effort.cap:
-            found = LeftOut(setting, f"it would take some {expected:.2g} s, the cap is {self.effort.cap:g} s")
+        if expected > self.cap:
+            found = LeftOut(setting, f"it would take some {expected:.2g} s, the cap is {self.cap:g} s")
         else:
             try:
                 found = self._measure(setting)
@@ -177,12 +173,12 @@ class Bench:
 
         def run(scene: Scene, question: Question) -> Result:
             # The history belongs to what is timed: some methods compute it when it is asked for.
-            result = _simulate(scene, question.t_end, setting, question.times)
+            result = _simulate(scene, question, setting)
             result.displacement(question.point)
             return result
 
         self._warm_up(scene, setting)
-        seconds, result = best_time(lambda: run(scene, self.question), self.effort.repeats, self.effort.cap)
+        seconds, result = best_time(lambda: run(scene, self.question), self.repeats, self.cap)
         observed, on_mesh = observe(result, self.question.point), self._exact[setting.elements]
         return Run(
             setting=setting,
@@ -203,12 +199,13 @@ class Bench:
             return
         self._warm.add(key)
         short = self.t_end / 1000.0 if setting.dt is None else min(2.0 * setting.dt, self.t_end)
-        result = _simulate(scene, short, setting, np.array([0.0, short]))
+        result = _simulate(scene, replace(self.question, t_end=short, times=np.array([0.0, short])), setting)
         result.displacement(self.question.point)
 
-    def _report(self, done: int, total: int, what: str) -> None:
-        if self.effort.progress is not None:
-            self.effort.progress(done, total, what)
+    def report(self, done: int, total: int, what: str) -> None:
+        """Report the number of parts that are done, their total number, and a name of the next part."""
+        if self._progress is not None:
+            self._progress(done, total, what)
 
     def study(self) -> Study:
         """Return all that was found, observed orders included."""
@@ -218,18 +215,17 @@ class Bench:
         return Study(point, self.t_end, self.reference, runs, tuple(self.left_out), machine())
 
 
-def _simulate(scene: Scene, t_end: float, setting: Setting, times: Array) -> Result:
-    return simulate(
-        scene,
-        t_end,
-        method=setting.method,
-        dt=setting.dt,
-        tol=setting.tol,
-        times=times,
-        progress=False,
-        compiled=compiled(),
-        **without_second_run(setting.method),
-    )
+def _simulate(scene: Scene, question: Question, setting: Setting) -> Result:
+    method = setting.method
+    return simulated(scene, question, method, dt=setting.dt, tol=setting.tol, **without_second_run(method))
+
+
+def _whole_numbers(what: str, values: Iterable[int]) -> list[int]:
+    """Return positive whole numbers in order, each once."""
+    given = [values] if isinstance(values, (int, np.integer)) else list(values)
+    if not given:
+        raise ArgumentError(f"{what} is empty, expected numbers of elements; leave it out for a default")
+    return sorted({whole(what, n) for n in given})
 
 
 def _with_orders(runs: list[Run]) -> Iterable[Run]:

@@ -13,14 +13,7 @@ from vofem.integrators.registry import method_named
 from vofem.scene import Scene
 from vofem.studies.accuracy.bench import Bench, Progress, Source
 from vofem.studies.accuracy.study import Run, Setting, Study
-from vofem.studies.accuracy.work_precision import (
-    applicable,
-    default_steps,
-    effort_of,
-    expected_seconds,
-    sample_count,
-    whole_numbers,
-)
+from vofem.studies.accuracy.work_precision import applicable, default_steps, expected_seconds
 
 #: Numbers of elements that are tried where none are given, as multiples of those of the scene.
 _MULTIPLES = (0.25, 0.5, 1, 2, 4)
@@ -100,14 +93,10 @@ def cheapest(
     ArgumentError
         For arguments out of range.
     """
-    t_end = number("cheapest: t_end", t_end, positive=True)
     tolerance = number("cheapest: tolerance", tolerance, positive=True)
-    effort = effort_of("cheapest", repeats, cap, workers, progress)
-    given = None if elements is None else whole_numbers("cheapest: elements", elements)
-    source = Source(scene, given[0] if given else None)
-    bench = Bench(source, t_end, sample_count("cheapest", samples), point, effort)
-    chosen = applicable(source, methods)
-    meshes = given or _around(source)
+    bench = Bench("cheapest", scene, t_end, elements, point, samples, repeats, cap, workers, progress)
+    chosen = applicable(bench.source, methods)
+    meshes = bench.meshes or _around(bench.source)
     bench.prepare(meshes)
     assert bench.reference is not None
     allowed = tolerance * bench.reference.scale

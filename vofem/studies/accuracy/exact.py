@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.methods import ENERGY_CONSERVING, EVENT_DRIVEN
 from vofem.kernels.mode import compiled
 from vofem.result import Result
@@ -16,8 +16,6 @@ from vofem.scene import Scene
 from vofem.simulate.simulation import simulate
 from vofem.studies.accuracy.quantities import Observed, observe
 from vofem.studies.accuracy.scaled import scaled
-
-Array = NDArray[np.float64]
 
 #: Above this many degrees of freedom the first run in Ritz vectors takes less time than one in all modes.
 _MANY_UNKNOWNS = 300
@@ -73,17 +71,14 @@ def _by_events(scene: Scene, question: Question) -> Exact:
 
 
 def _event_driven(scene: Scene, question: Question) -> Result:
-    options: dict[str, Any] = {}
-    if scene.model.system.size > _MANY_UNKNOWNS:
-        options["truncation"] = _TRUNCATION
+    many = scene.model.system.size > _MANY_UNKNOWNS
+    return simulated(scene, question, EVENT_DRIVEN.name, **({"truncation": _TRUNCATION} if many else {}))
+
+
+def simulated(scene: Scene, question: Question, method: str, **options: Any) -> Result:
+    """Return the run of a scene for the times of a question."""
     return simulate(
-        scene,
-        question.t_end,
-        method=EVENT_DRIVEN.name,
-        times=question.times,
-        progress=False,
-        compiled=compiled(),
-        **options,
+        scene, question.t_end, method=method, times=question.times, progress=False, compiled=compiled(), **options
     )
 
 
@@ -127,15 +122,5 @@ def _by_steps(scene: Scene, question: Question) -> Exact:
 
 
 def _stepped(scene: Scene, question: Question, steps: int) -> Observed:
-    dt = question.t_end / steps
-    result = simulate(
-        scene,
-        question.t_end,
-        method=ENERGY_CONSERVING.name,
-        dt=dt,
-        times=question.times,
-        progress=False,
-        compiled=compiled(),
-        nearby=False,
-    )
+    result = simulated(scene, question, ENERGY_CONSERVING.name, dt=question.t_end / steps, nearby=False)
     return observe(result, question.point)

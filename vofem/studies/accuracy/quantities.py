@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.result import Result
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

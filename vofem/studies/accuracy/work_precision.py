@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from vofem._validate import choice, number, whole
+from vofem._validate import choice, number
 from vofem.errors import ArgumentError
 from vofem.integrators.registry import method_named, method_names
 from vofem.integrators.registry import methods as all_methods
 from vofem.scene import Scene
-from vofem.studies.accuracy.bench import Bench, Effort, Progress, Source
+from vofem.studies.accuracy.bench import Bench, Progress, Source
 from vofem.studies.accuracy.study import Run, Setting, Study
 
 #: Steps in a run, where none are given.
@@ -99,12 +99,9 @@ def work_precision(
     times. The time of assembly is given separately. In a study of a chaotic scene
     pointwise errors are taken only up to the horizon of the reference.
     """
-    t_end = number("work_precision: t_end", t_end, positive=True)
-    effort = effort_of("work_precision", repeats, cap, workers, progress)
-    given = None if elements is None else whole_numbers("work_precision: elements", elements)
-    source = Source(scene, given[0] if given else None)
-    bench = Bench(source, t_end, sample_count("work_precision", samples), point, effort)
-    meshes = given or own_and_twice(source)
+    bench = Bench("work_precision", scene, t_end, elements, point, samples, repeats, cap, workers, progress)
+    source, t_end = bench.source, bench.t_end
+    meshes = bench.meshes or own_and_twice(source)
     chosen = applicable(source, methods)
     steps = None if dt is None else [number("work_precision: dt", value, positive=True) for value in dt]
     tolerances = [number("work_precision: tol", value, positive=True) for value in tol]
@@ -120,13 +117,11 @@ def work_precision(
     for part in series:
         before: Run | None = None
         for setting in part:
-            if effort.progress is not None:
-                effort.progress(done, total, f"{setting}, {setting.elements} elements")
+            bench.report(done, total, f"{setting}, {setting.elements} elements")
             expected = bench.guess(setting) if before is None else expected_seconds(before, setting)
             before = bench.measure(setting, expected) or before
             done += 1
-    if effort.progress is not None:
-        effort.progress(total, total, "")
+    bench.report(total, total, "")
     return bench.study()
 
 
@@ -180,24 +175,3 @@ def applicable(source: Source, methods: Iterable[str] | None) -> list[str]:
     if not chosen:
         raise ArgumentError("methods is empty, expected at least one; leave it out for all that apply")
     return list(dict.fromkeys(chosen))
-
-
-def effort_of(what: str, repeats: int, cap: float, workers: int, progress: Progress | None) -> Effort:
-    """Return how long a study may take, checked."""
-    return Effort(
-        whole(f"{what}: repeats", repeats), number(f"{what}: cap", cap, positive=True),
-        whole(f"{what}: workers", workers), progress,
-    )  # fmt: skip
-
-
-def sample_count(what: str, value: object) -> int:
-    """Return the number of times of comparison, at least 2."""
-    return whole(f"{what}: samples", value, 2)
-
-
-def whole_numbers(what: str, values: Iterable[int]) -> list[int]:
-    """Return positive whole numbers in order, each once."""
-    given = [values] if isinstance(values, (int, np.integer)) else list(values)
-    if not given:
-        raise ArgumentError(f"{what} is empty, expected numbers of elements; leave it out for a default")
-    return sorted({whole(what, n) for n in given})

@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import number
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.progress import SweepProgress
 from vofem.scene import Scene, as_scene
 from vofem.studies.diagrams.stroboscope import Stroboscope, order_of, stroboscope
 from vofem.studies.sweep import Sweep
 from vofem.studies.sweep.sweeping import sweep
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

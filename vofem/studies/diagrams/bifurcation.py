@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import choice, name_of
+from vofem.arrays import Array
 from vofem.errors import ArgumentError, VofemError
 from vofem.progress import SweepProgress
 from vofem.scene import Scene
 from vofem.studies.diagrams.stroboscope import Stroboscope, order_of, stroboscope
 from vofem.studies.sweep.sweeping import sweep
-
-Array = NDArray[np.float64]
 
 STARTS = ("rest", "up", "down")
 

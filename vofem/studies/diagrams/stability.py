@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.progress import SweepProgress
 from vofem.scene import Scene
@@ -17,8 +18,6 @@ from vofem.studies.diagrams.stroboscope import first_point
 from vofem.studies.steady.steady_state import periodic
 from vofem.studies.sweep import FailedPoint, Sweep
 from vofem.studies.sweep.sweeping import sweep
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,17 +6,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import whole
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.initial import StoredState
 from vofem.scene import Scene
 from vofem.simulate.simulation import simulate
 from vofem.studies.steady.loads import load_period
 from vofem.studies.steady.stroboscope import poincare
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -160,7 +160,7 @@ def backbone(
 
 def _check(scene: Scene, system: System) -> None:
     """Raise where a scene is not conservative."""
-    reason = shooting_refusal(scene)
+    reason = shooting_refusal(scene) if system.sliders is None else system.sliders.refusal("a free oscillation")
     if reason is not None:
         raise MethodError(f"backbone: {reason.split('. Use ')[0].split('; use')[0]}")
     rigid = None if system.contacts is None else system.contacts.rigid_refusal("backbone")

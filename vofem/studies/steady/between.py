@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.point import Interval, Point, corrected, derivative_by_value, tangent_at
-
-Array = NDArray[np.float64]
 
 #: `Evaluation.error` that the orbits reach with which special points are located.
 EXACT = 1e-14
@@ -32,12 +30,7 @@ _APART = 1e-2
 
 @dataclass
 class Step:
-    """Two neighbours on a branch in the same coordinates.
-
-    Attributes
-    ----------
-    first, last : Point
-    """
+    """Two neighbours on a branch in the same coordinates."""
 
     first: Point
     last: Point

@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import number
+from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.cards import Saved
 from vofem.errors import ArgumentError
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.special import SpecialPoint
-
-Array = NDArray[np.float64]
 
 
 @dataclass

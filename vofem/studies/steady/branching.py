@@ -10,12 +10,10 @@ Theory, Academic Press 1977, p. 359.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.point import Point
-
-Array = NDArray[np.float64]
 
 #: Step of the second differences, in scaled coordinates.
 _DIFFERENCE = 1e-4
@@ -24,18 +22,9 @@ _DIFFERENCE = 1e-4
 def other_direction(family: Family, point: Point, along: Array) -> Array:
     """Return the direction of the branch that crosses another one at a branch point.
 
-    Parameters
-    ----------
-    family : Family
-    point : Point
-        A point with its derivative with respect to the parameter.
-    along : ndarray, shape (n + 1,)
-        Approximate direction of the known branch, in scaled coordinates.
-
-    Returns
-    -------
-    ndarray, shape (n + 1,)
-        The direction in scaled coordinates, of length 1.
+    `point`: a point with its derivative with respect to the parameter.
+    `along` (shape (n + 1,)): approximate direction of the known branch, in scaled coordinates.
+    Returns the direction in scaled coordinates, of length 1.
     """
     n = point.y.size - 1
     matrix = np.concatenate([point.evaluation.jacobian, point.by_value[:, None]], axis=1)

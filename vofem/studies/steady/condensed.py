@@ -53,8 +53,8 @@ _RATES, _RANGE = 200, 1e6
 
 def condensable(system: System) -> bool:
     """Return whether a system is so large, with so few loads and contacts, that it is reduced to a few vectors."""
-    if system.contacts is not None and system.contacts.rigid.any():
-        # An impact on a rigid stop meets the inertia of all modes.
+    if system.sliders is not None or (system.contacts is not None and system.contacts.rigid.any()):
+        # Impacts on rigid stops and sliders that stick meet the inertia of all modes.
         return False
     return system.size > FULL and 2 * first_count(system) <= min(_MOST, system.size // 2)
 

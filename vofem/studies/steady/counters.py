@@ -9,18 +9,9 @@ from vofem.system import Counters
 
 @dataclass
 class Work:
-    """Work done to find orbits.
+    """Work done to find orbits."""
 
-    Attributes
-    ----------
-    flows : int
-        Evaluations of the equations. For shooting these are flows over one orbit, with or without monodromy matrix.
-    checks : int
-        Flows over orbits that are known, with which these are checked.
-    runs : Counters
-        Work of these evaluations.
-    """
-
+    #: Evaluations of the equations. For shooting these are flows over one orbit, with or without monodromy matrix.
     flows: int = 0
-    checks: int = 0
-    runs: Counters = field(default_factory=Counters)
+    checks: int = 0  #: Flows over orbits that are known, with which these are checked.
+    runs: Counters = field(default_factory=Counters)  #: Work of these evaluations.

@@ -97,6 +97,11 @@ class ExtendedEvaluation:
         return sizes
 
     @property
+    def path(self) -> Any:
+        """The motion through the segments."""
+        return self.orbit.path
+
+    @property
     def closing(self) -> float:
         """Difference of both ends of an ordinary run over the orbit, over the size of the motion."""
         return float(self.orbit.closing)
@@ -392,6 +397,16 @@ class Extended:
         """Return the chart without some switches."""
         inner, changed = self.inner.without(y[: -self.more], gone)
         return self._like(inner, self.held - sum(k < self.held for k in gone)), np.append(changed, y[-self.more :])
+
+    def merged(self, y: Array, k: int) -> tuple[Extended, Array]:
+        """Return the chart with two switches at one time as one; see `Signature.merged`."""
+        inner, changed = self.inner.merged(y[: -self.more], k)
+        return self._like(inner, self.held - (k < self.held)), np.append(changed, y[-self.more :])
+
+    def split(self, y: Array, k: int, between: int) -> tuple[Extended, Array, int]:
+        """Return the chart with a status for no time at a switch; see `Signature.split`."""
+        inner, changed, place = self.inner.split(y[: -self.more], k, between)
+        return self._like(inner, self.held + (k <= self.held)), np.append(changed, y[-self.more :]), place
 
     def swapped(self, y: Array, place: int) -> tuple[Extended, Array]:
         """Return the chart with two neighbouring switches in the other order."""

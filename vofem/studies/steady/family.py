@@ -6,9 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.scene import Scene
 from vofem.studies.steady.counters import Work
@@ -16,38 +14,21 @@ from vofem.studies.steady.methods import chosen, problem_of
 from vofem.studies.steady.problem import OrbitProblem
 from vofem.studies.steady.rebuild import recompiled
 
-Array = NDArray[np.float64]
-
 #: Problems that are kept, by the value of the parameter.
 _KEPT = 8
 
 
 @dataclass
 class Family:
-    """The equations of orbits along a parameter; unknowns mean the same at all values.
+    """The equations of orbits along a parameter; unknowns mean the same at all values."""
 
-    Attributes
-    ----------
-    what : str
-        Name of the function whose arguments these are, for messages.
-    build : callable
-        Returns the scene at a value of each parameter.
-    method : str
-        "auto" is replaced at the first value.
-    periods : int
-    harmonics : int, optional
-    work : Work
-    parameters : int
-        Number of parameters.
-    """
-
-    what: str
-    build: Callable[..., Scene]
-    method: str = "auto"
+    what: str  #: Name of the function whose arguments these are, for messages.
+    build: Callable[..., Scene]  #: Returns the scene at a value of each parameter.
+    method: str = "auto"  #: "auto" is replaced at the first value.
     periods: int = 1
     harmonics: int | None = None
     work: Work = field(default_factory=Work)
-    parameters: int = 1
+    parameters: int = 1  #: Number of parameters.
     _known: dict[tuple[float, ...], OrbitProblem] = field(default_factory=dict)
     _latest: OrbitProblem | None = None
 

@@ -257,8 +257,10 @@ class Follower:
         laws = passed.before.problem.system.contacts
         assert laws is not None
         place = float(len(self.track.points) - 1)
+        elastic = len(laws) - len(passed.before.problem.given.sliders or ())
         for contact in passed.grazed:
-            self.track.special.append(special_at("grazing", passed.at, place, laws.names[contact]))
+            kind = "grazing" if contact < elastic else "sticking"
+            self.track.special.append(special_at(kind, passed.at, place, laws.names[contact]))
         if passed.after is None:
             names = " and ".join(dict.fromkeys(repr(laws.names[contact]) for contact in passed.grazed))
             self.track.notes.append(

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem.result import Result
 from vofem.system import PINNED
-
-Array = NDArray[np.float64]
 
 #: Distance of a local extremum of a gap function from zero, over displacements and gap, that rounding may bridge.
 _ROUNDING = 1e-12

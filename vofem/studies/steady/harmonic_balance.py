@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import whole
+from vofem.arrays import Array, Complex
 from vofem.errors import ArgumentError, ConvergenceError, MethodError, SingularSystemError
 from vofem.integrators.event_driven.flow import share_modes
 from vofem.integrators.methods import ENERGY_CONSERVING
@@ -45,9 +46,6 @@ from vofem.studies.steady.orbit import DECIDED, OrbitTruncation, PeriodicOrbit
 from vofem.studies.steady.trigonometric import basis, to_complex, to_real
 from vofem.studies.steady.variation import monodromy, with_rates
 from vofem.system import System, refuse_travelling
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: Default number of harmonics for each period of the loads.
 HARMONICS = 25
@@ -73,24 +71,13 @@ _SMALLEST, _TRIES = 1.0 / 16.0, 12
 
 @dataclass(frozen=True)
 class HarmonicEvaluation:
-    """The equations at some harmonics.
+    """The equations at some harmonics."""
 
-    Attributes
-    ----------
-    residual : ndarray, shape (n,)
-    size : float
-        Size of the motion, m.
-    settled : ndarray of bool, shape (n_laws,)
-        Whether internal variables repeat after a period.
-    change : callable
-        Returns the multipliers.
-    """
-
-    residual: Array
-    size: float
-    settled: NDArray[np.bool_]
+    residual: Array  #: Shape (n,).
+    size: float  #: Size of the motion, m.
+    settled: NDArray[np.bool_]  #: Whether internal variables repeat after a period, shape (n_laws,).
     slope: Array | None = field(repr=False, default=None)
-    change: Callable[[], Complex | None] = field(repr=False, default=lambda: None)
+    change: Callable[[], Complex | None] = field(repr=False, default=lambda: None)  #: Returns the multipliers.
 
     @property
     def jacobian(self) -> Array:
@@ -115,31 +102,14 @@ class HarmonicEvaluation:
 class HarmonicBalance:
     """Periodic orbits of a scene as solutions of the balance of harmonics; an `OrbitProblem`.
 
-    Parameters
-    ----------
-    what : str
-        Name of the function whose argument the scene is, for messages.
-    scene : Scene
-    periods : int
-    period : float, optional
-        Period of the loads in s.
-    harmonics : int, optional
-        Number of harmonics of the orbit beyond the mean. The default is 25 for each period of the loads.
-    earlier : HarmonicBalance, optional
-        A problem at another value of a parameter.
-    work : Work, optional
-        Counters to which the work is added.
-
-    Attributes
-    ----------
-    scene, periods
-        As above.
-    loads : LoadPeriod
-    harmonics : int
-    size : int
-        Number of unknowns: laws times 2 H + 1.
-    scales : ndarray, shape (size,)
-    tolerance : float
+    `what`: name of the function whose argument the scene is, for messages.
+    `period`: period of the loads in s.
+    `harmonics`: number of harmonics of the orbit beyond the mean. The default is 25 for each period of the loads.
+    `earlier`: a problem at another value of a parameter.
+    `work`: counters to which the work is added.
+    `scene`, `periods`: as above.
+    `size`: number of unknowns: laws times 2 H + 1.
+    `scales` has shape (size,).
     """
 
     tolerance = 1e-13

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array, Complex
 from vofem.integrators.base import ContactSamples, Energies, SpringSamples, status_at
 from vofem.integrators.event_driven.modal_samples import ModalSamples
 from vofem.laws import LawGroup, LawSet
@@ -24,9 +25,6 @@ from vofem.system import CLOSED, OPEN, Counters, Events, System
 if TYPE_CHECKING:
     from vofem.integrators.slider_history import SliderSamples
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
 #: Gauss's rule between two times, for work and dissipation.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
@@ -37,15 +35,8 @@ _PARTS = 2
 class HarmonicMotion:
     """A periodic motion in modes, by harmonics.
 
-    Attributes
-    ----------
-    system : System
-    rest : LinearRest
-    laws : LawPaths
-    coefficients : ndarray of complex, shape (m, K + 1)
-        Modal displacements ``Re sum_k c_k exp(i k omega t)``.
-    omega : float
-        Angular frequency of the first harmonic, rad/s.
+    `coefficients` (shape (m, K + 1)): modal displacements ``Re sum_k c_k exp(i k omega t)``.
+    `omega`: angular frequency of the first harmonic, rad/s.
     """
 
     def __init__(self, system: System, rest: LinearRest, laws: LawPaths, coefficients: Complex, omega: float) -> None:

@@ -13,14 +13,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.laws import LawGroup, LawSet
 from vofem.studies.steady.trigonometric import basis, rate, roots, turning_points
 from vofem.system import System
-
-Array = NDArray[np.float64]
 
 #: Gauss's rule on one panel, and the phase of the fastest product of harmonics that a panel may cover, rad.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
@@ -40,41 +38,22 @@ _TURN = 2.0 * np.pi
 
 @dataclass(frozen=True)
 class LawForce:
-    """The force of one law along a periodic motion.
+    """The force of one law along a periodic motion."""
 
-    Attributes
-    ----------
-    force : ndarray, shape (2K + 1,)
-        Fourier series of the force, N.
-    slope : ndarray, shape (2K + 1, 2H + 1), optional
-        Derivative of `force` with respect to the series of the coordinate.
-    settled : bool
-        Whether internal variables repeat after a period.
-    """
-
-    force: Array
-    slope: Array | None
-    settled: bool = True
+    force: Array  #: Fourier series of the force, N, shape (2K + 1,).
+    slope: Array | None  #: Derivative of `force` with respect to the series of the coordinate, shape (2K + 1, 2H + 1).
+    settled: bool = True  #: Whether internal variables repeat after a period.
 
 
 @dataclass(frozen=True)
 class LawTangent:
-    """The tangent of one law along a periodic motion.
+    """The tangent of one law along a periodic motion."""
 
-    Attributes
-    ----------
-    cuts : ndarray, shape (n_cuts,)
-        Angles in [0, 2 pi) at which the tangent jumps.
-    jumps : ndarray, shape (n_jumps, 4)
-        Angles at which the force jumps too, the coordinate's rate there (m/s), and the jumps of the spring (N) and of
-        the damper (N s/m) as the coordinate rises.
-    at : callable
-        Returns stiffness in N/m and damping in N s/m at angles, shape (2, n).
-    """
-
-    cuts: Array
+    cuts: Array  #: Angles in [0, 2 pi) at which the tangent jumps, shape (n_cuts,).
+    #: Angles at which the force jumps too, the coordinate's rate there (m/s), and the jumps of the spring (N) and of
+    #: the damper (N s/m) as the coordinate rises, shape (n_jumps, 4).
     jumps: Array
-    at: Callable[[Array], Array]
+    at: Callable[[Array], Array]  #: Returns stiffness in N/m and damping in N s/m at angles, shape (2, n).
 
 
 @dataclass
@@ -108,17 +87,9 @@ class _Integral:
 class LawPaths:
     """The laws of a system that are not linear, along periodic motions.
 
-    Parameters
-    ----------
-    groups : sequence of LawGroup
-        Groups of laws that are not linear in harmonic motions.
-
-    Attributes
-    ----------
-    size : int
-        Number of laws.
-    passes : int
-        Largest number of cycles over which internal variables were computed.
+    `groups`: groups of laws that are not linear in harmonic motions.
+    `size`: number of laws.
+    `passes`: largest number of cycles over which internal variables were computed.
     """
 
     passes = PASSES
@@ -135,16 +106,9 @@ class LawPaths:
     def along(self, j: int, series: Array, omega: float, wanted: int, *, derivative: bool = True) -> LawForce:
         """Return the force of law j along a motion.
 
-        Parameters
-        ----------
-        j : int
-        series : ndarray, shape (2H + 1,)
-            Series of the coordinate, m.
-        omega : float
-            Angular frequency of the first harmonic in rad/s, which dampers need.
-        wanted : int
-            Number of harmonics of the force.
-        derivative : bool
+        `series` (shape (2H + 1,)): series of the coordinate, m.
+        `omega`: angular frequency of the first harmonic in rad/s, which dampers need.
+        `wanted`: number of harmonics of the force.
         """
         total = _Integral(series.size // 2, wanted, derivative)
         settled = True

@@ -7,9 +7,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import array, choice
+from vofem.arrays import Array, Complex
 from vofem.blas import one_thread
 from vofem.errors import ArgumentError, MethodError
 from vofem.lookup import rows_over
@@ -18,9 +19,6 @@ from vofem.studies.steady.linear_rest import Attached, LinearRest, linear_laws
 from vofem.system import Counters, System, refuse_travelling
 from vofem.time_functions import Constant, Scaled, Sine, Sum, as_time_function
 from vofem.vibration import contact_indices
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 class FrequencyResponse:

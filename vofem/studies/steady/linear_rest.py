@@ -18,16 +18,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array, Complex
 from vofem.errors import ArgumentError, ConvergenceError, SingularSystemError
 from vofem.integrators.event_driven.flow import modes_of
 from vofem.integrators.reduction import holding, two_solutions
 from vofem.linalg.ritz import RitzBasis
 from vofem.system import Counters, System
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: Number of degrees of freedom up to which all modes are used.
 FULL = 200
@@ -50,41 +47,21 @@ _SINGULAR = 1e14
 
 @dataclass(frozen=True)
 class Attached:
-    """The force ``b factor(omega) (b.q)`` of a linear law or a closed contact on a row.
+    """The force ``b factor(omega) (b.q)`` of a linear law or a closed contact on a row."""
 
-    Attributes
-    ----------
-    rows : sparse matrix, shape (k, n)
-    factor : callable
-        Takes omega in rad/s, returns complex stiffnesses in N/m, shape (k,).
-    """
-
-    rows: Any
-    factor: Callable[[float], Complex]
+    rows: Any  #: Shape (k, n).
+    factor: Callable[[float], Complex]  #: Takes omega in rad/s, returns complex stiffnesses in N/m, shape (k,).
 
 
 class LinearRest:
     """The linear part of a system in modes or Ritz vectors.
 
-    Parameters
-    ----------
-    system : System
-    attached : sequence of Attached
-        Linear laws that are not part of the system's matrices.
-    inputs : ndarray, shape (k, n)
-        Rows of laws and load vectors through which forces act.
-    largest : ndarray, shape (n_frequencies,)
-        Angular frequencies in rad/s at which Ritz vectors must be accurate.
-    counters : Counters, optional
-
-    Attributes
-    ----------
-    vectors : ndarray, shape (n, m), optional
-        Modes or their combinations; M-orthonormal.
-    squares, damping : ndarray, shape (m,)
-        Squared frequencies, and classical damping rates.
-    error : float
-        Relative change of responses under the last doubling of Ritz vectors; 0 for all modes.
+    `attached`: linear laws that are not part of the system's matrices.
+    `inputs` (shape (k, n)): rows of laws and load vectors through which forces act.
+    `largest` (shape (n_frequencies,)): angular frequencies in rad/s at which Ritz vectors must be accurate.
+    `vectors` (shape (n, m)): modes or their combinations; M-orthonormal.
+    `squares`, `damping` (shape (m,)): squared frequencies, and classical damping rates.
+    `error`: relative change of responses under the last doubling of Ritz vectors; 0 for all modes.
     """
 
     def __init__(
@@ -218,20 +195,10 @@ class LinearRest:
     def response(self, omega: float, forces: Array | Complex) -> Complex:
         """Return modal displacements under modal forces of angular frequency omega.
 
-        Parameters
-        ----------
-        omega : float
-            Angular frequency in rad/s.
-        forces : ndarray, shape (m, k)
-
-        Returns
-        -------
-        ndarray of complex, shape (m, k)
-
-        Raises
-        ------
-        SingularSystemError
-            If the response is unbounded: an undamped resonance, or a rigid motion at rest.
+        `omega`: angular frequency in rad/s.
+        `forces` has shape (m, k).
+        Returns an array of shape (m, k).
+        Raises `SingularSystemError` if the response is unbounded: an undamped resonance, or a rigid motion at rest.
         """
         diagonal = self.squares - omega * omega + 1j * omega * self.damping
         size = self.squares + omega * omega
@@ -295,10 +262,8 @@ def _largest_change(before: Complex, now: Complex) -> float:
 def linear_laws(what: str, system: System) -> list[Attached]:
     """Return the laws of a system that are linear in harmonic motions, such as springpots, as complex stiffnesses.
 
-    Raises
-    ------
-    ArgumentError
-        If a law has no response to a single frequency, such as a springpot whose order varies in time.
+    Raises `ArgumentError` if a law has no response to a single frequency, such as a springpot whose order varies in
+    time.
     """
     groups = [group for group in system.laws if group.linear]
     for group in groups:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Complex
 from vofem.errors import ArgumentError
 from vofem.system import Load, System
 from vofem.time_functions import TimeFunction
 from vofem.time_functions.parts import frequency_words
-
-Complex = NDArray[np.complex128]
 
 #: Number of times in a period at which loads without closed form are sampled.
 _SAMPLES = 8192
@@ -22,25 +20,11 @@ _NONE = 1e-14
 def load_series(what: str, system: System, omega: float, harmonics: int) -> Complex:
     """Return the Fourier coefficients of all loads, shape (n_loads, harmonics + 1).
 
-    Parameters
-    ----------
-    what : str
-        Name of the argument in messages.
-    system : System
-        A system whose loads are periodic with ``2 pi/omega``.
-    omega : float
-        Angular frequency of the first harmonic, rad/s.
-    harmonics : int
-
-    Returns
-    -------
-    ndarray of complex
-        ``f(t) = Re sum_k c_k exp(i k omega t)``.
-
-    Raises
-    ------
-    ArgumentError
-        If a closed-form load has a harmonic beyond these.
+    `what`: name of the argument in messages.
+    `system`: a system whose loads are periodic with ``2 pi/omega``.
+    `omega`: angular frequency of the first harmonic, rad/s.
+    Returns ``f(t) = Re sum_k c_k exp(i k omega t)``.
+    Raises `ArgumentError` if a closed-form load has a harmonic beyond these.
     """
     return np.array([_series(what, load, omega, harmonics) for load in system.loads]).reshape(-1, harmonics + 1)
 

@@ -24,18 +24,10 @@ _LOOKS, _SAME = 97, 1e-9
 
 @dataclass(frozen=True)
 class LoadPeriod:
-    """The common period of all loads.
+    """The common period of all loads."""
 
-    Attributes
-    ----------
-    omega : float
-        Angular frequency in rad/s.
-    forced : bool
-        Whether any load varies.
-    """
-
-    omega: float
-    forced: bool
+    omega: float  #: Angular frequency in rad/s.
+    forced: bool  #: Whether any load varies.
 
     @property
     def period(self) -> float:
@@ -46,19 +38,10 @@ class LoadPeriod:
 def load_period(what: str, system: System, period: float | None = None) -> LoadPeriod:
     """Return the common period of all loads, or the given one, checked.
 
-    Parameters
-    ----------
-    what : str
-        Name of the function whose argument it is, for messages.
-    system : System
-    period : float, optional
-        Period in s.
-
-    Raises
-    ------
-    ArgumentError
-        If a load is not periodic or loads have no common period; the message names it. If no load varies and no period
-        is given.
+    `what`: name of the function whose argument it is, for messages.
+    `period`: period in s.
+    Raises `ArgumentError` if a load is not periodic or loads have no common period; the message names it. If no load
+    varies and no period is given.
     """
     refuse_travelling(what, system)
     frequencies = [(load, w) for load in system.loads for w in _frequencies(what, load, period)]

@@ -163,7 +163,10 @@ def locus(
     if not callable(build):
         raise ArgumentError(f"locus: build is {build!r}, expected a function that returns a Scene at (value, other)")
     if not isinstance(special, SpecialPoint) or special.kind not in KINDS:
-        raise ArgumentError(f"locus: special is {special!r}, expected an entry of the list special of a branch")
+        raise ArgumentError(
+            f"locus: special is {special!r}, expected an entry of the list special of a branch, of the kind "
+            f"{', '.join(KINDS)}"
+        )
     start, stop = number("locus: start", start), number("locus: stop", stop)
     if start == stop:
         raise ArgumentError(f"locus: start and stop are both {start:g}; expected an interval of the other parameter")

@@ -34,21 +34,11 @@ def problem_of(
 ) -> OrbitProblem:
     """Return the equations of the orbits of a scene by a method other than "auto".
 
-    Parameters
-    ----------
-    what : str
-        Name of the function whose argument the scene is, for messages.
-    scene : Scene
-    method : str
-    periods : int
-    period : float, optional
-        Period of the loads in s.
-    harmonics : int, optional
-    earlier : OrbitProblem, optional
-        A problem of the same method at another value of a parameter. Its unknowns have the same meaning, and its data
-        are used again.
-    work : Work, optional
-        Counters to which the work is added.
+    `what`: name of the function whose argument the scene is, for messages.
+    `period`: period of the loads in s.
+    `earlier`: a problem of the same method at another value of a parameter. Its unknowns have the same meaning, and its
+    data are used again.
+    `work`: counters to which the work is added.
     """
     if method == "harmonic_balance":
         # Most users need shooting alone.

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.problem import Equations, Evaluation
-
-Array = NDArray[np.float64]
 
 #: Steps of Newton's method, and halvings of one step.
 _STEPS, _HALVINGS = 40, 8
@@ -21,26 +19,16 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class Solved:
-    """A solution of the equations of an orbit.
+    """A solution of the equations of an orbit."""
 
-    Attributes
-    ----------
-    unknowns : ndarray, shape (n,)
-    evaluation : Evaluation
-        The evaluation at these unknowns, with its Jacobian matrix.
-    """
-
-    unknowns: Array
-    evaluation: Evaluation
+    unknowns: Array  #: Shape (n,).
+    evaluation: Evaluation  #: The evaluation at these unknowns, with its Jacobian matrix.
 
 
 def solved(problem: Equations, guess: Array, steps: int = _STEPS) -> Solved:
     """Return the orbit near a guess by Newton's method, steps halved while the residual grows.
 
-    Raises
-    ------
-    ConvergenceError
-        If the residual does not vanish. The message gives the least residual.
+    Raises `ConvergenceError` if the residual does not vanish. The message gives the least residual.
     """
     x = np.array(guess, dtype=float)
     now = problem.evaluate(x)

@@ -8,9 +8,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import whole
+from vofem.arrays import Array, Complex
 from vofem.blas import one_thread
 from vofem.cards import Shown
 from vofem.initial import StoredState
@@ -20,9 +20,6 @@ from vofem.scene import Scene
 from vofem.studies.steady.grazed import grazed
 from vofem.system import State
 from vofem.time_functions.parts import frequency_words
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: Number of equal times, both ends included, of an orbit's result.
 TIMES = 1001

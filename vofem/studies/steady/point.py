@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.newton import ROUNDING, direction
 from vofem.studies.steady.orbit import PeriodicOrbit
-
-Array = NDArray[np.float64]
 
 #: `Evaluation.error` at which a point counts as solved; Newton's last step makes it smaller still.
 TOLERANCE = 1e-12
@@ -110,12 +108,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Interval:
-    """The interval of the parameter.
-
-    Attributes
-    ----------
-    start, stop : float
-    """
+    """The interval of the parameter."""
 
     start: float
     stop: float
@@ -170,36 +163,20 @@ def corrected(
 ) -> tuple[Array, Any, Array]:
     """Return an orbit near a guess, on the plane through it with a normal.
 
-    Parameters
-    ----------
-    family : Family
-    chart : OriginChart or Signature
-    guess : ndarray, shape (n + 1,)
-    scales : ndarray, shape (n + 1,)
-    normal : ndarray, shape (n + 1,)
-        Normal of the plane in scaled coordinates.
-    by_value : ndarray, shape (n,)
-        Approximate derivative of the residual with respect to the parameter. It is improved in the iteration.
-    steps : int
-        Largest number of steps of Newton's method.
-    tolerance : float
-        Value of `Evaluation.error` that is small enough. If it is below rounding, the best point is returned.
-    nodes : ndarray, optional
-        Approximate states at the switches.
-    improve : bool
-        Whether the derivative with respect to the parameter is improved in the iteration.
-    interval : Interval, optional
-        If it is given, the derivative with respect to the parameter is computed anew where the iteration is slow.
-
-    Returns
-    -------
-    y : ndarray, shape (n + 1,)
-    evaluation : Evaluation
-    by_value : ndarray, shape (n,)
-
-    Raises
-    ------
-    ConvergenceError
+    `guess` has shape (n + 1,).
+    `scales` has shape (n + 1,).
+    `normal` (shape (n + 1,)): normal of the plane in scaled coordinates.
+    `by_value` (shape (n,)): approximate derivative of the residual with respect to the parameter. It is improved in the
+    iteration.
+    `steps`: largest number of steps of Newton's method.
+    `tolerance`: value of `Evaluation.error` that is small enough. If it is below rounding, the best point is returned.
+    `nodes`: approximate states at the switches.
+    `improve`: whether the derivative with respect to the parameter is improved in the iteration.
+    `interval`: if it is given, the derivative with respect to the parameter is computed anew where the iteration is
+    slow.
+    Returns `y` (shape (n + 1,)).
+    Returns `by_value` (shape (n,)).
+    Raises `ConvergenceError`.
     """
     y, by_value = guess.copy(), by_value.copy()
     before: Any = None

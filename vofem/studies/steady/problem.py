@@ -14,10 +14,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.scene import Scene
 from vofem.studies.steady.orbit import PeriodicOrbit
-
-Array = NDArray[np.float64]
 
 
 class Evaluation(Protocol):
@@ -50,35 +49,20 @@ class Equations(Protocol):
     def evaluate(self, unknowns: Array, *, derivative: bool = True) -> Any:
         """Return the equations, an `Evaluation`, with their Jacobian matrix where `derivative` is true.
 
-        Raises
-        ------
-        ConvergenceError
-            If the equations cannot be evaluated at these unknowns.
+        Raises `ConvergenceError` if the equations cannot be evaluated at these unknowns.
         """
 
 
 class OrbitProblem(Protocol):
-    """Periodic orbits of one scene as roots of equations: those of harmonics, or those of a `Signature`.
-
-    Attributes
-    ----------
-    scene : Scene
-    periods : int
-        Number of periods of the loads after which an orbit repeats.
-    size : int
-        Number n of unknowns.
-    scales : ndarray, shape (n,)
-        Positive sizes by which unknowns are divided before they are compared with each other; they need to be right
-        up to a common factor. A problem without unknowns of different kinds gives ones.
-    parameters : tuple of float
-        Values of the parameters at which the problem was built along a branch.
-    """
+    """Periodic orbits of one scene as roots of equations: those of harmonics, or those of a `Signature`."""
 
     scene: Scene
-    periods: int
-    size: int
+    periods: int  #: Number of periods of the loads after which an orbit repeats.
+    size: int  #: Number n of unknowns.
+    #: Positive sizes by which unknowns are divided before they are compared with each other; they need to be right up
+    #: to a common factor. A problem without unknowns of different kinds gives ones. Shape (n,).
     scales: Array
-    parameters: tuple[float, ...]
+    parameters: tuple[float, ...]  #: Values of the parameters at which the problem was built along a branch.
 
     def from_rest(self) -> Array:
         """Return a first guess of the unknowns without a known orbit, shape (n,)."""

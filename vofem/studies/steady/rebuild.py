@@ -23,17 +23,9 @@ from vofem.time_functions import OfTime, TimeFunction
 def recompiled(scene: Scene, earlier: Scene) -> Scene:
     """Return a scene with the model of an earlier one where they differ in loads' functions of time alone.
 
-    Parameters
-    ----------
-    scene : Scene
-        A scene that is not yet compiled.
-    earlier : Scene
-        Compiled.
-
-    Returns
-    -------
-    Scene
-        The given scene itself if anything else differs.
+    `scene`: a scene that is not yet compiled.
+    `earlier`: compiled.
+    Returns the given scene itself if anything else differs.
     """
     if len(scene.bodies) != len(earlier.bodies) or len(scene.effects) != len(earlier.effects):
         return scene
@@ -50,11 +42,7 @@ def recompiled(scene: Scene, earlier: Scene) -> Scene:
 def like_guess(scene: Scene, guess: Any) -> Scene:
     """Return a scene that shares assembly and modes with the scene of a guess, as far as both scenes are equal.
 
-    Parameters
-    ----------
-    scene : Scene
-    guess : object
-        A `Result` or a `PeriodicOrbit`. Other guesses have nothing to share.
+    `guess`: A `Result` or a `PeriodicOrbit`. Other guesses have nothing to share.
     """
     known = getattr(guess, "scene", None)
     if not isinstance(known, Scene) or known is scene or not known.assembled:

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.flow import Start
 from vofem.studies.steady.near import orbit_near
 from vofem.studies.steady.newton import Solved
 from vofem.studies.steady.shooting import Shooting, relative
-
-Array = NDArray[np.float64]
 
 #: Largest number of periods of the loads in a transient.
 MOST_PERIODS = 200
@@ -28,13 +26,7 @@ _STEPS, _FAR = 2, 200.0
 
 @dataclass(frozen=True)
 class Settled:
-    """An orbit that was found from rest.
-
-    Attributes
-    ----------
-    solved : Solved
-    notes : tuple of str
-    """
+    """An orbit that was found from rest."""
 
     solved: Solved
     notes: tuple[str, ...] = ()
@@ -45,10 +37,7 @@ def from_rest(what: str, problem: Shooting) -> Settled:
 
     `what` is the name of the function whose argument the problem is, for messages.
 
-    Raises
-    ------
-    ConvergenceError
-        If no orbit is found in either way.
+    Raises `ConvergenceError` if no orbit is found in either way.
     """
     x = problem.outside(np.zeros(problem.size))
     level, change = _TRY, np.inf

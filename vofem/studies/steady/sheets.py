@@ -6,8 +6,8 @@ import itertools
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ArgumentError, ConvergenceError
 from vofem.studies.steady.branch import Branch, BranchCounters, Orbits
 from vofem.studies.steady.branching import other_direction
@@ -16,8 +16,6 @@ from vofem.studies.steady.follow import FIRST, Follower, Track
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.point import Point, corrected, derivative_by_value
 from vofem.studies.steady.special import SpecialPoint
-
-Array = NDArray[np.float64]
 
 #: Relative difference below which two solutions are the same orbit, and first steps that are tried on a leaving branch.
 _SAME, _TRIED = 1e-8, (1.0, 0.1, 1e-2, 1e-3)
@@ -44,12 +42,7 @@ def branch_of(track: Track, family: Family, walker: Follower) -> Branch:
 class Sheets:
     """Finds further orbits of a branch; see `branch.Source`.
 
-    Parameters
-    ----------
-    track : Track
-    family : Family
-    walker : Follower
-        The follower of the branch.
+    `walker`: the follower of the branch.
     """
 
     def __init__(self, track: Track, family: Family, walker: Follower) -> None:

@@ -98,6 +98,7 @@ class Shooting:
         self.condensed: Condensed | None = None
         #: Relative change of the orbit by doubling the vectors, where it is known.
         self.change: float | None = None
+        sliders = full.sliders
         if condensable(full):
             before = None if earlier is None else earlier.condensed
             if vectors is None:
@@ -105,6 +106,12 @@ class Shooting:
             self.condensed = condensed(full, vectors, before)
             self.change = None if earlier is None else earlier.change
         self.system = system = full if self.condensed is None else self.condensed.system
+        #: The system as runs take it. In `system` sliders are further rows behind those of the contacts.
+        self.given = system
+        if sliders is not None:
+            from vofem.integrators.event_driven.sliders import with_sliders
+
+            self.system = system = with_sliders(full)
         shared = earlier is not None and share_modes(system, earlier.system)
         self.space = modes_of(system, self.work.runs)
         n = self.space.size
@@ -137,7 +144,7 @@ class Shooting:
     @cached_property
     def course(self) -> Course:
         """Follows motions along given segments."""
-        return Course(self.system, self.duration, self.work.runs)
+        return Course(self.system, self.duration, self.work.runs, self.given.sliders)
 
     # -- unknowns and modal states --------------------------------------------------------------------
 
@@ -233,7 +240,7 @@ class Shooting:
         if not (np.all(np.isfinite(start.displacement)) and np.all(np.isfinite(start.velocity))):
             raise ConvergenceError("the iteration diverged: a state is not finite")
         try:
-            return flow(self.system, start, stop, derivative=derivative, counters=self.work.runs)
+            return flow(self.given, start, stop, derivative=derivative, counters=self.work.runs)
         except (EventStormError, ArgumentError) as error:
             # A state inside a rigid stop is refused as one of a scene is.
             raise ConvergenceError(str(error)) from error
@@ -288,8 +295,17 @@ def shooting_refusal(scene: Scene) -> str | None:
     system = scene.model.system
     reason = refusal(system)
     sliders = system.sliders
-    if reason is None and sliders is not None:
-        return sliders.refusal("a search of periodic orbits")
+    if sliders is not None:
+        reason = sliders.orbit_refusal() or reason
+        if reason is not None:
+            return reason
+        if system.contacts is not None and system.contacts.rigid.any():
+            stop = system.contacts.labels[int(np.argmax(system.contacts.rigid))]
+            return (
+                f"{sliders.labels[0]} acts beside {stop}, whose impacts move sliders that stick; a search of periodic "
+                "orbits does not treat both. Simulate the scene until it has settled, or use a Contact with a large "
+                "stiffness and a damper"
+            )
     if reason is not None:
         why = reason.split(". Use ")[0].rstrip(".")
         return f"{why}; shooting needs what event_driven needs. Use method='harmonic_balance'"

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.point import Interval, Point, corrected
 from vofem.studies.steady.shooting import Shooting
-
-Array = NDArray[np.float64]
 
 
 def repeats(first: Point, last: Point) -> Callable[[Point], float] | None:

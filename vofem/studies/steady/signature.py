@@ -6,7 +6,8 @@ and that every contact switches at its gap. If a contact has switched before, it
 coordinate since then, divided by the length in between. In this form a touch may have the length zero, and the orbit
 just grazes the contact. All equations are analytic in the unknowns and in the parameter, through such a grazing too.
 
-An impact on a rigid stop is a switch that leaves the contact open; the state passes a linear map there.
+An impact on a rigid stop is a switch that leaves the contact open; the state passes a linear map there. A slider
+switches where its speed is zero, or where its reaction reaches the limit at which it breaks away.
 
 H. Dankowicz, F. Schilder, Recipes for Continuation, SIAM 2013, doi:10.1137/1.9781611972573 (segments as unknowns).
 """
@@ -25,6 +26,7 @@ from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.along import Path
 from vofem.integrators.event_driven.flow import Flow, Start
 from vofem.integrators.event_driven.regime import Motion
+from vofem.laws.friction import UP
 from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
 from vofem.studies.steady.shooting import Shooting, relative
@@ -155,7 +157,7 @@ class SignatureEvaluation:
         """
         found: list[Extreme] = []
         for k, duration in enumerate(self.path.durations.tolist() if self.problem.system.contacts is not None else ()):
-            contacts = np.flatnonzero(self.chart.statuses[k] != PINNED).tolist()
+            contacts = np.flatnonzero(self.chart.statuses[k] < PINNED).tolist()
             if duration > 0.0 and contacts:
                 count = _count(duration, self.problem.duration, _SEARCHED)
                 found += self.extremes_in(k, contacts, (0.0, duration), count)
@@ -321,8 +323,8 @@ class Signature:
         latest: dict[int, int] = {}
         for k, (contact, status) in enumerate(self.switches):
             found.append(latest.pop(contact, None))
-            if status == self.statuses[k][contact]:
-                # The coordinate between two impacts is no short touch.
+            if status == self.statuses[k][contact] or max(status, self.statuses[k][contact]) > PINNED:
+                # The coordinate between two impacts is no short touch, and that of a slider is free.
                 found[-1] = None
             else:
                 latest[contact] = k
@@ -421,7 +423,8 @@ class Signature:
         if laws is None:
             return True
         used = sorted({contact for contact, _ in self.switches})
-        return not np.any((laws.jump & (laws.gap > 0.0) | laws.rigid)[used] | (laws.damping[used] > 0.0))
+        slide = any(status > PINNED for _, status in self.switches)
+        return not (slide or np.any((laws.jump & (laws.gap > 0.0) | laws.rigid)[used] | (laws.damping[used] > 0.0)))
 
     def _switching(self, problem: Shooting, path: Path) -> tuple[Array, Array, Array]:
         """Return the equations of k switches: values (k,), derivatives (k, columns), and sizes to compare with (k,)."""
@@ -446,14 +449,19 @@ class Signature:
             if partner < index - 1:
                 values[index], derived[index] = _mean(path, int(contacts[index]), partner, index)
         for index, (contact, status) in enumerate(self.switches):
-            if self.statuses[index][contact] == PINNED:
+            before = self.statuses[index][contact]
+            if before == PINNED:
                 values[index], derived[index], sizes[index] = self._released(problem, path, index, contact, status)
+            elif before > PINNED:
+                # A slider comes to rest.
+                values[index], sizes[index] = rows[contact] @ path.ends[index, n:], norms[index] * path.sizes[1]
+                derived[index] = rows[contact] @ path.all_columns[index, n:] if path.all_columns.size else 0.0
         return values, derived, np.maximum(sizes, 1e-300)
 
     @cached_property
     def _releases(self) -> bool:
-        """Whether any switch releases a pinned contact."""
-        return any(self.statuses[k][contact] == PINNED for k, (contact, _) in enumerate(self.switches))
+        """Whether any switch releases a pinned contact, or is one of a slider."""
+        return any(self.statuses[k][contact] >= PINNED for k, (contact, _) in enumerate(self.switches))
 
     @cached_property
     def _contacts(self) -> NDArray[np.int64]:
@@ -471,15 +479,35 @@ class Signature:
         assert laws is not None
         held = int(np.sum(path.statuses[index][:contact] == PINNED))
         motion, duration = path.motion(index), float(path.durations[index])
-        force, full = motion.regime.reactions, float(laws.stiffness[contact] * laws.gap[contact])
+        base, full = motion.regime.base, float(laws.stiffness[contact] * laws.gap[contact])
+        force = base.quantities.reactions
         assert force is not None
         value = float(motion.reactions(np.array([duration]))[held, 0]) - (full if status == CLOSED else 0.0)
-        columns = path.all_columns[index] if path.all_columns.size else np.empty((2 * n, 0))
+        columns = path.all_columns[index] if path.all_columns.size else np.empty((2 * n, path.shifts.shape[1]))
         rates = problem.course.loads.at(np.array([float(path.times[index]) + duration]))[0, 1]
-        real = motion.spectrum.real
-        derived = force.displacement[held] @ real.down(columns[:n]) + force.velocity[held] @ real.down(columns[n:])
+        pushed = force.share[held] @ base.forces[0][:, motion.regime.function + 1]
+        real, moved, kept = motion.spectrum.real, columns[:n], problem.course.stuck(path.statuses[index])
+        if kept is not None:
+            value += float(kept.reaction[held] @ path.ends[index, :n])
+            moved = moved - kept.carry @ moved
+        derived = force.displacement[held] @ real.down(moved) + force.velocity[held] @ real.down(columns[n:])
+        if kept is not None:
+            derived = derived + kept.reaction[held] @ columns[:n]
+        if status > PINNED:
+            # A slider breaks away.
+            sliders = problem.course.sliders
+            assert sliders is not None
+            full = float(sliders.static[contact - sliders.first])
+            value -= full if status == UP else -full
+        elif laws.rigid[contact]:
+            full = float(np.abs(force.displacement[held]) @ np.abs(real.down(path.ends[index, :n])))
+            full += float(np.abs(pushed) @ np.abs(rates)) / problem.loads.omega
         # The columns move with the end of the segment, the load's phase does too.
-        return value, derived + float(force.loads[held] @ rates) * path.shifts[index], full
+        return (
+            value,
+            derived + float(pushed @ rates) * path.shifts[index],
+            full,
+        )
 
     # -- coordinates ----------------------------------------------------------------------------------
 
@@ -528,7 +556,9 @@ class Signature:
             mine = [(p, s.status) for p, s in zip(phases, self.switches, strict=True) if s.contact == contact]
             seen = [(e.time * omega, e.after) for e in flow.events if e.contact == contact]
             hit = contact in self.struck or any(e.contact == contact and e.before == e.after for e in flow.events)
-            if not hit:
+            if self.start[contact] > PINNED or any(status > PINNED for _, status in mine):
+                mine, seen = (_without_short_sticks(self.start[contact], one) for one in (mine, seen))
+            elif not hit:
                 mine, seen = _without_short(mine), _without_short(seen)
             if [status for _, status in mine] != [status for _, status in seen]:
                 return False
@@ -566,6 +596,36 @@ class Signature:
             found = evaluation.extremes_in(segment, [event.contact], (low, high), 32)
             return max(found, key=lambda e: e.height, default=None)
         return None
+
+    def margins(self, problem: Shooting, evaluation: SignatureEvaluation) -> dict[int, float]:
+        """Return by how much reactions of sliders would exceed their limits where they turn without sticking.
+
+        They are shares of the limits, by the numbers of the switches.
+        """
+        sliders, found, path = problem.course.sliders, {}, evaluation.path
+        if sliders is None:
+            return {}
+        for k, (contact, status) in enumerate(self.switches):
+            if status > PINNED and self.statuses[k][contact] > PINNED:
+                stuck = self.statuses[k].copy()
+                stuck[contact] = PINNED
+                time, limit = float(path.times[k] + path.durations[k]), sliders.static[contact - sliders.first]
+                pull = problem.course.reaction(stuck, time, path.ends[k], contact)
+                found[k] = (pull if status == UP else -pull) / limit - 1.0
+        return found
+
+    @cached_property
+    def sticks(self) -> list[tuple[int, int]]:
+        """Pairs of switches between which a slider sticks, but for one that sticks at the anchor."""
+        found = []
+        began: dict[int, int] = {}
+        for k, (contact, status) in enumerate(self.switches):
+            before = self.statuses[k][contact]
+            if before > PINNED and status == PINNED:
+                began[contact] = k
+            elif before == PINNED and status > PINNED and contact in began:
+                found.append((began[contact], k))
+        return found
 
     # -- other signatures -----------------------------------------------------------------------------
 
@@ -706,6 +766,16 @@ def _without_short(switches: list[tuple[float, int]]) -> list[tuple[float, int]]
         if left and phase - left[-1][0] < _SHORT:
             left.pop()
         else:
+            left.append((phase, status))
+    return left
+
+
+def _without_short_sticks(start: int, switches: list[tuple[float, int]]) -> list[tuple[float, int]]:
+    """Return phases and statuses of the switches of a slider without those to statuses that are lost in rounding."""
+    left: list[tuple[float, int]] = []
+    for k, (phase, status) in enumerate(switches):
+        lasts = k + 1 == len(switches) or switches[k + 1][0] - phase >= _SHORT
+        if lasts and status != (left[-1][1] if left else start):
             left.append((phase, status))
     return left
 

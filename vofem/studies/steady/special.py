@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import isnan
 from typing import Any
 
 from vofem.studies.steady.orbit import PeriodicOrbit
@@ -10,11 +11,11 @@ from vofem.studies.steady.orbit import PeriodicOrbit
 #: Share of the parameter in the direction of a branch below which it turns at a branch point.
 _LEVEL = 1e-3
 
-#: Kinds of special points.
+#: Kinds of special points that have loci.
 KINDS = ("fold", "period_doubling", "neimark_sacker", "grazing", "branch_point")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SpecialPoint:
     """A point of a branch where its orbits change in kind.
 
@@ -24,12 +25,12 @@ class SpecialPoint:
         "fold": a multiplier is 1 and the branch turns smoothly in its parameter. "branch_point": a multiplier passes 1
         and the branch does not turn. "period_doubling": a multiplier passes -1. "neimark_sacker": a pair of complex
         multipliers crosses the unit circle. "grazing": a local extremum of a gap function touches zero, whether or not
-        the branch turns there.
+        the branch turns there. "sticking": a friction begins to stick where it turned at once, or ceases to.
     value : float
         Value of the branch's parameter at the point.
     orbit : PeriodicOrbit
     contact : str
-        Name of the contact that grazes; empty for other kinds.
+        Name of the contact that grazes, or of the friction that sticks; empty for other kinds.
     place : float
         Position of the point on the branch: the number of the orbit before it, plus the fraction of the way to the next
         orbit.
@@ -44,7 +45,12 @@ class SpecialPoint:
     place: float = 0.0
     other: float = float("nan")
     #: The `Point` of the continuation; None for points from a file.
-    point: Any = field(default=None, repr=False, compare=False)
+    point: Any = field(default=None, compare=False)
+
+    def __repr__(self) -> str:
+        kind = f"{self.kind} of {self.contact!r}" if self.contact else self.kind
+        other = "" if isnan(self.other) else f", {self.other:.12g}"
+        return f"SpecialPoint({kind} at {self.value:.12g}{other}, {self.orbit!r})"
 
     @property
     def turns(self) -> bool:

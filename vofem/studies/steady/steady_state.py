@@ -89,10 +89,7 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
 
     The problem is the given one. For a large system it may be one with more vectors, if the orbit needs them.
 
-    Raises
-    ------
-    ConvergenceError
-        If none is found, or one that repeats earlier than after the given number of periods.
+    Raises `ConvergenceError` if none is found, or one that repeats earlier than after the given number of periods.
     """
     if isinstance(problem, Shooting):
         problem = as_guess(problem, guess)

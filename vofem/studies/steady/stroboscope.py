@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import number, whole
+from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.errors import ArgumentError
 from vofem.result import Result
-
-Array = NDArray[np.float64]
 
 #: Fraction of a period by which the end of a run may miss the last sample.
 _SLACK = 1e-9

@@ -86,7 +86,8 @@ class _Change:
     """A change between two neighbours: its share of the step, and what changes.
 
     Either an extreme that touches its contact, pairs of switches that vanish, the place of a length that vanishes
-    between switches of two contacts, or an impact on a rigid stop whose speed vanishes.
+    between switches of two contacts, an impact on a rigid stop whose speed vanishes, a slider that turns and begins to
+    stick there, or the switches between which one sticks for no time.
     """
 
     share: float
@@ -94,6 +95,8 @@ class _Change:
     pairs: tuple[tuple[int, int], ...] = ()
     place: int = -1
     impact: int = -1
+    turn: int = -1
+    stick: tuple[int, int] = (-1, -1)
 
 
 def passage(family: Family, interval: Interval, now: Point, after: Point) -> Passage | None:
@@ -267,7 +270,7 @@ def _vanishing(now: Point, after: Point, without: Sequence[int] = ()) -> list[_C
             continue
         here, there = float(first[k]), float(last[k])
         found.append(_Change(here / (here - there) if here > there else 0.0, place=n + k))
-    return [*found, *_slowing(now, after, without)]
+    return [*found, *_slowing(now, after, without), *_sticking(now, after, without)]
 
 
 def _slowing(now: Point, after: Point, without: Sequence[int]) -> list[_Change]:
@@ -282,6 +285,23 @@ def _slowing(now: Point, after: Point, without: Sequence[int]) -> list[_Change]:
         for k, speed in speeds.items()
         if speed < -rounding and chart.switches[k].contact not in without
     ]
+
+
+def _sticking(now: Point, after: Point, without: Sequence[int]) -> list[_Change]:
+    """Return where sliders that turn begin to stick, and where they cease to."""
+    chart: Signature = now.chart
+    first, last = (chart.margins(p.problem, p.evaluation) for p in (now, after))
+    found = [
+        _Change(max(first[k], 0.0) / (max(first[k], 0.0) - margin), turn=k)
+        for k, margin in last.items()
+        if margin < -ROUNDING and chart.switches[k].contact not in without
+    ]
+    lengths = chart.lengths(now.y[:-1]), chart.lengths(after.y[:-1])
+    for p, k in chart.sticks:
+        here, there = (float(one[p + 1 : k + 1].sum()) for one in lengths)
+        if there <= 0.0 and chart.switches[k].contact not in without:
+            found.append(_Change(here / (here - there) if here > there else 0.0, stick=(p, k)))
+    return found
 
 
 def _touching(now: Point, after: Point, rounding: float = ROUNDING) -> list[_Change]:
@@ -313,6 +333,10 @@ def _located(family: Family, interval: Interval, now: Point, after: Point, chang
         return _begins(family, interval, now, after, guess, change.extreme)
     if change.pairs:
         return _ends(family, interval, now, after, guess, change.pairs)
+    if change.turn >= 0:
+        return _stick_begins(family, interval, now, after, guess, change.turn)
+    if change.stick[0] >= 0:
+        return _stick_ends(family, interval, now, after, guess, change.stick)
     if change.impact >= 0:
         return _impact_ends(family, interval, now, after, guess, change.impact)
     chart: Signature = now.chart
@@ -400,10 +424,59 @@ def _impact_ends(family: Family, interval: Interval, now: Point, after: Point, g
     return Passage(before, outside, None if others else outside, grazed)
 
 
+def _stick_begins(family: Family, interval: Interval, now: Point, after: Point, guess: Array, number: int) -> Passage:
+    """Return the orbit in which a slider that turns is at the limit of sticking, and the first one that sticks."""
+    old: Signature = now.chart
+    chart, y, place = old.split(guess[:-1], number, PINNED)
+    at = _with_length(family, interval, chart, np.append(y, guess[-1]), place, 0.0)
+    old, y = chart.merged(at.y[:-1], number)
+    before = _along(now, _point(family, interval, old, np.append(y, at.value), now.tangent))
+    _between(now, after, before.y)
+    margins = old.margins(before.problem, before.evaluation)
+    others = [k for k, margin in margins.items() if k != number and abs(margin) <= _TOGETHER]
+    chart, y = old, before.y[:-1]
+    for k in sorted([number, *others], reverse=True):
+        chart, y, place = chart.split(y, k, PINNED)
+    at = replace(at, chart=chart, y=np.append(y, at.value))
+    # Each stick before the first one adds a switch, and splitting them in descending order leaves `place` at the first.
+    beyond = _lengthened(family, interval, at, [(place, 1)], BEYOND)
+    return Passage(before, before, beyond, tuple(sorted(old.switches[k].contact for k in (number, *others))))
+
+
+def _stick_ends(
+    family: Family, interval: Interval, now: Point, after: Point, guess: Array, stick: tuple[int, int]
+) -> Passage:
+    """Return the orbit in which a slider sticks for no time, and the same one in which it turns at once."""
+    old: Signature = now.chart
+    p, k = stick
+    if k != p + 1:
+        raise ConvergenceError("a slider ceases to stick while contacts switch")
+    n = now.problem.size
+    at = _with_length(family, interval, old, guess, n + k, 0.0)
+    before = _along(now, _with_length(family, interval, old, at.y, n + k, BEYOND))
+    _between(now, after, before.y)
+    lengths = old.lengths(at.y[:-1])
+    ended = [(i, j) for i, j in old.sticks if j == i + 1 and lengths[j] <= _TOGETHER * old.turn]
+    chart, y = old, at.y[:-1]
+    for i, j in sorted(ended, reverse=True):
+        if old.statuses[i][old.switches[i].contact] == old.switches[j].status:
+            chart, y = chart.without(y, [i, j])
+        else:
+            chart, y = chart.merged(y, i)
+    y = np.append(y, at.value)
+    outside = _point(family, interval, chart, y, np.append(np.zeros(y.size - 1), 1.0))
+    turning = [k for k, margin in chart.margins(outside.problem, outside.evaluation).items() if abs(margin) <= _NEARLY]
+    if len(turning) < len(ended):
+        raise ConvergenceError("a slider ceases to stick where it goes on in the same direction")
+    if _speeding(family, outside, turning, "margins").min() < 0.0:
+        outside = replace(outside, tangent=-outside.tangent)
+    return Passage(before, outside, outside, tuple(sorted(old.switches[i].contact for i, _ in ended)))
+
+
 def _faster(family: Family, interval: Interval, chart: Signature, y: Array, numbers: Sequence[int]) -> Point | None:
     """Return the next orbit on the side on which some impacts of no speed become faster; None if not all of them do."""
     point = _point(family, interval, chart, y, np.append(np.zeros(y.size - 1), 1.0))
-    rises = _speeding(family, point, numbers)
+    rises = _speeding(family, point, numbers, "approaches")
     if rises.max() < 0.0:
         point, rises = replace(point, tangent=-point.tangent), -rises
     if not rises.min() > 0.0:
@@ -413,13 +486,13 @@ def _faster(family: Family, interval: Interval, chart: Signature, y: Array, numb
     return _point(family, interval, chart, y, point.tangent)
 
 
-def _speeding(family: Family, point: Point, numbers: Sequence[int]) -> Array:
-    """Return the derivatives of the speeds of some impacts along a branch, in scaled coordinates."""
+def _speeding(family: Family, point: Point, numbers: Sequence[int], what: str) -> Array:
+    """Return the derivatives of `approaches` or `margins` of some switches along a branch, in scaled coordinates."""
     values = []
     for sign in (1.0, -1.0):
         y = point.y + sign * _DIFFERENCE * point.tangent * point.scales
         problem = family.of(y)
-        speeds = point.chart.approaches(problem, point.chart.evaluate(problem, y[:-1], derivative=False))
+        speeds = getattr(point.chart, what)(problem, point.chart.evaluate(problem, y[:-1], derivative=False))
         values.append([speeds[k] for k in numbers])
     return (np.array(values[0]) - np.array(values[1])) / (2.0 * _DIFFERENCE)
 
@@ -506,6 +579,10 @@ def what_contacts_do(point: Point) -> list[str]:
     lengths = chart.lengths(point.y[:-1])
     found = []
     for contact, name in enumerate(laws.names):
+        if contact >= len(laws) - len(point.problem.given.sliders or ()):
+            if all(status[contact] == PINNED for status in chart.statuses):
+                found.append(f"friction {name!r} sticks all along, so that its body may rest in many places")
+            continue
         if any(status[contact] == PINNED for status in chart.statuses):
             found.append(f"contact {name!r} rests at its gap for a part of the orbit")
         mine = [(p, k) for p, k in chart.touches if chart.switches[p].contact == contact]

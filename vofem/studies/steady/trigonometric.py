@@ -7,10 +7,8 @@ cosines, then the sines, over an angle that grows by 2 pi in a period.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from vofem.arrays import Array, Complex
 
 #: Number of times in a period of the highest harmonic at which signs are compared.
 _LOOKS = 8

@@ -20,12 +20,10 @@ from functools import cache
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.studies.steady.law_path import LawTangent
 from vofem.studies.steady.linear_rest import LinearRest
-
-Array = NDArray[np.float64]
 
 #: Gauss nodes in a panel, and the phase that a panel may cover, rad.
 _NODES, _PHASE = 6, 1.5
@@ -41,24 +39,12 @@ _TURN = 2.0 * np.pi
 
 @dataclass(frozen=True)
 class _Panel:
-    """How modes move over a panel, m modes and J laws in s nodes.
+    """How modes move over a panel, m modes and J laws in s nodes."""
 
-    Attributes
-    ----------
-    free : ndarray, shape (2, 2, m)
-        Displacement and velocity at the end by those at the start.
-    seen : ndarray, shape (2, s*J, 2m)
-        Coordinates and rates of the laws at nodes by the state at the start.
-    among : ndarray, shape (2, s*J, s*J)
-        The same by forces at nodes.
-    pushed : ndarray, shape (2m, s*J)
-        State at the end by forces at nodes.
-    """
-
-    free: Array
-    seen: Array
-    among: Array
-    pushed: Array
+    free: Array  #: Displacement and velocity at the end by those at the start, shape (2, 2, m).
+    seen: Array  #: Coordinates and rates of the laws at nodes by the state at the start, shape (2, s*J, 2m).
+    among: Array  #: The same by forces at nodes, shape (2, s*J, s*J).
+    pushed: Array  #: State at the end by forces at nodes, shape (2m, s*J).
 
 
 def monodromy(rest: LinearRest, rows: Array, tangents: Sequence[LawTangent], omega: float, harmonics: int) -> Array:

@@ -1,0 +1,149 @@
+"""Periodic orbits with dry friction: reference data, Den Hartog's closed form, and runs beside them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vofem as vf
+
+pytestmark = pytest.mark.kernels("plain")
+
+DATA = Path(__file__).parent / "data" / "friction"
+
+
+def oscillator(load: float, omega: float, limit: float = 1.0, static: float | None = None) -> vf.Scene:
+    """Return a mass of 1 on a spring of 1 with friction under a harmonic load."""
+    mass = vf.Mass(1.0, stiffness=1.0, name="mass")
+    pad = vf.Friction(mass, coefficient=0.5, static=static, normal=2.0 * limit, name="pad")
+    return vf.Scene([mass], [pad, vf.PointLoad(mass, vf.Sine(load, omega, phase=0.5 * np.pi))])
+
+
+@pytest.mark.parametrize("name", ["denhartog_nonstop", "denhartog_nonstop_above", "denhartog_twostop"])
+def test_den_hartogs_orbits_are_found_from_rest(name: str) -> None:
+    """Amplitude, dissipated energy and times at rest; a slider that sticks forgets, so one multiplier is zero."""
+    read = json.loads((DATA / f"{name}.json").read_text())
+    s, values = read["scene"], read["values"]
+    mass = vf.Mass(s["m"], stiffness=s["k"], name="mass")
+    effects = [vf.Friction(mass, coefficient=0.5, normal=2.0 * s["f"], name="pad"),
+               vf.PointLoad(mass, vf.Sine(s["F"], s["Omega"], phase=0.5 * np.pi))]  # fmt: skip
+    orbit = vf.periodic(vf.Scene([mass], effects))
+    assert orbit.amplitude(mass) == pytest.approx(values["amplitude"], rel=1e-11)
+    assert orbit.residual < 1e-12
+    assert orbit.stable
+    slider, period = orbit.result.frictions["pad"], 2.0 * np.pi / s["Omega"]
+    assert slider.dissipated[-1] == pytest.approx(values["dissipated_per_cycle"], rel=1e-11)
+    expected = np.sort(np.array([time for time, _ in values["events_of_orbit"]][: 4 if "two" in name else 2]) % period)
+    np.testing.assert_allclose(np.sort(np.concatenate([slider.stops, slider.breaks])), expected, atol=1e-10)
+    assert ("two" in name) == bool(np.min(np.abs(orbit.multipliers)) < 1e-12)
+
+
+def onset(omega: float, limit: float = 1.0, static: float = 1.0) -> float:
+    """Return the load at which a symmetric orbit that turns at once begins to stick: Den Hartog's limit.
+
+    From its largest displacement x0 on, ``x = A cos t + B sin t + L + (C cos(w t) + S sin(w t))/(1 - w^2)``. After half
+    a period it is at -x0, at rest again. At the limit static friction just holds the mass there.
+    """
+    half, gain = np.pi / omega, 1.0 / (1.0 - omega**2)
+    c, s = np.cos(half), np.sin(half)
+    # Unknowns A, B, C, S, x0.
+    equations = np.array([
+        [1.0, 0.0, gain, 0.0, -1.0],
+        [0.0, 1.0, 0.0, gain * omega, 0.0],
+        [c, s, -gain, 0.0, 1.0],
+        [-s, c, 0.0, -gain * omega, 0.0],
+        [0.0, 0.0, 1.0, 0.0, -1.0],
+    ])  # fmt: skip
+    found = np.linalg.solve(equations, [-limit, 0.0, -limit, 0.0, -static])
+    return float(np.hypot(found[2], found[3]))
+
+
+@pytest.mark.parametrize(("ends", "static"), [((4.0, 1.3), 1.0), ((1.3, 4.0), 1.0), ((3.0, 2.0), 1.1)])
+def test_a_branch_passes_the_onset_of_sticking(ends: tuple[float, float], static: float) -> None:
+    """Both stops of a symmetric orbit begin at Den Hartog's limit, in both directions, also with static friction."""
+    branch = vf.continuation(lambda load: oscillator(load, 0.6, static=0.5 * static), *ends)
+    assert [mark.kind for mark in branch.special] == ["sticking", "sticking"]
+    for mark in branch.special:
+        assert mark.value == pytest.approx(onset(0.6, static=static), rel=1e-12)
+        assert mark.contact == "pad"
+    assert branch.values[-1] == ends[1]
+    for orbit in branch.orbits[::4]:
+        assert orbit.residual < 1e-9
+        sticks = orbit.result.frictions["pad"].breaks.size > 0
+        assert sticks == bool(np.min(np.abs(orbit.multipliers)) < 1e-9)
+
+
+def chain(load: float) -> tuple[vf.Scene, list[vf.Mass]]:
+    """Return three masses, one of which sticks and slides and one of which touches an elastic stop."""
+    masses = [vf.Mass(1.0 + 0.2 * k, stiffness=0.4, damping=0.02, name=f"m{k}") for k in range(3)]
+    effects: list[Any] = [
+        vf.Spring(masses[0], masses[1], stiffness=1.5),
+        vf.Spring(masses[1], masses[2], stiffness=1.1),
+        vf.Friction(masses[0], coefficient=0.5, normal=0.5, name="pad"),
+        vf.Contact(masses[2], gap=0.9, stiffness=4.0, acts_on="penetration", side="above", name="stop"),
+        vf.PointLoad(masses[1], vf.Sine(load, 0.55, phase=0.3)),
+    ]
+    return vf.Scene(masses, effects), masses
+
+
+def test_multipliers_of_a_chain_with_friction_and_a_stop_agree_with_runs_beside_the_orbit() -> None:
+    """The monodromy matrix by differences of runs over a period; directions are forgotten while the slider sticks."""
+    scene, masses = chain(0.9)
+    orbit = vf.periodic(scene)
+    assert len(orbit.result.contacts["stop"].impacts) == 1
+    assert orbit.result.frictions["pad"].breaks.size
+    start = np.array([value for mass in masses for value in (orbit.result.displacement(mass)[0],
+                                                             orbit.result.velocity(mass)[0])])  # fmt: skip
+
+    def after(state: np.ndarray) -> np.ndarray:
+        moved = vf.Scene(
+            masses, scene.effects, initial={m: tuple(state[2 * k : 2 * k + 2]) for k, m in enumerate(masses)}
+        )
+        run = vf.simulate(moved, orbit.period, method="event_driven", times=[0.0, orbit.period])
+        return np.array([value for mass in masses for value in (run.displacement(mass)[1], run.velocity(mass)[1])])
+
+    step = 1e-6
+    columns = [(after(start + step * unit) - after(start - step * unit)) / (2.0 * step) for unit in np.eye(6)]
+    expected = np.linalg.eigvals(np.array(columns).T)
+    mine = np.asarray(orbit.multipliers)
+    np.testing.assert_allclose(np.sort(np.abs(mine)), np.sort(np.abs(expected)), atol=2e-7)
+
+
+def test_what_orbits_cannot_have_is_refused_by_name() -> None:
+    """Belts, springs of sliders, rigid stops beside sliders, free oscillations and derivatives; each with a way on."""
+    mass = vf.Mass(1.0, stiffness=1.0, name="mass")
+    load = vf.PointLoad(mass, vf.Sine(3.0, 0.6))
+    for pad, why in (
+        (vf.Friction(mass, coefficient=0.5, normal=1.0, belt=0.1, name="pad"), "stands on a belt"),
+        (vf.Friction(mass, coefficient=0.5, normal=1.0, stiffness=9.0, name="pad"), "has a stiffness"),
+    ):
+        with pytest.raises(vf.MethodError, match=rf"Friction 'pad' {why}.*until it has settled"):
+            vf.periodic(vf.Scene([mass], [pad, load]), method="shooting")
+    pad = vf.Friction(mass, coefficient=0.5, normal=1.0, name="pad")
+    wall = vf.RigidStop(mass, gap=1.0, restitution=0.5, side="above", name="wall")
+    with pytest.raises(vf.MethodError, match=r"Friction 'pad' acts beside RigidStop 'wall'"):
+        vf.periodic(vf.Scene([mass], [pad, wall, load]), method="shooting")
+    with pytest.raises(vf.MethodError, match="Friction 'pad'"):
+        vf.lyapunov(vf.Scene([mass], [pad, load]), 10.0)
+    with pytest.raises(vf.MethodError, match="Friction 'pad'"):
+        vf.backbone(vf.Scene([mass], [pad]), 1, [1.0])
+    orbit = vf.periodic(vf.Scene([mass], [pad, load]))
+    with pytest.raises(vf.MethodError, match="Friction 'pad'"):
+        vf.sensitivities(orbit, [vf.Parameter(mass, "stiffness")])
+
+
+def test_a_changed_load_is_that_of_the_run() -> None:
+    """Scenes that differ in a load share their modes, and not the load."""
+    scene = oscillator(4.0, 0.6)
+    load = scene.effects[1]
+    vf.simulate(scene, 1.0, method="event_driven")
+    changed = scene.replace(load, f=vf.Sine(2.0, 0.6, phase=0.5 * np.pi))
+    same = oscillator(2.0, 0.6)
+    for options in ({}, {"t_start": 1.3}):
+        runs = [vf.simulate(one, 10.0, method="event_driven", **options) for one in (changed, same)]
+        found = [one.displacement(one.scene.bodies[0])[-1] for one in runs]
+        assert found[0] == pytest.approx(found[1], rel=1e-13)

@@ -1,0 +1,140 @@
+"""Derivatives of runs and orbits with impacts on rigid stops, beside differences of runs and closed forms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from test_impact_orbits import closed, oscillator
+
+import vofem as vf
+
+pytestmark = pytest.mark.kernels("plain")
+
+DURATION = 6.0
+
+#: What is changed: gap, restitution, load, stiffness, damping and mass.
+NOMINAL = {"gap": 0.05, "restitution": 0.7, "load": 4.0, "stiffness": 30.0, "damping": 0.4, "mass": 1.1}
+
+
+def scene(**changed: float) -> tuple[vf.Scene, list[vf.Parameter], vf.Mass]:
+    """Return two masses with a stop at a wall and one between them, and the parameters."""
+    value = {**NOMINAL, **changed}
+    one = vf.Mass(value["mass"], stiffness=value["stiffness"], damping=value["damping"], name="one")
+    two = vf.Mass(0.7, stiffness=10.0, damping=0.1, name="two")
+    wall = vf.RigidStop(one, gap=value["gap"], restitution=value["restitution"], side="above", name="wall")
+    load = vf.PointLoad(two, vf.Sine(value["load"], 5.0))
+    between = vf.RigidStop(one, two, gap=0.02, restitution=0.9, name="between")
+    effects: list[Any] = [vf.Spring(one, two, stiffness=20.0), wall, between, load]
+    parameters = [
+        vf.Parameter(wall, "gap"), vf.Parameter(wall, "restitution"), vf.Parameter(load, "f.amplitude"),
+        vf.Parameter(one, "stiffness"), vf.Parameter(one, "damping"), vf.Parameter(one, "mass"),
+    ]  # fmt: skip
+    return vf.Scene([one, two], effects), parameters, one
+
+
+def run(**changed: float) -> vf.Result:
+    """Return a run."""
+    return vf.simulate(scene(**changed)[0], DURATION, method="event_driven", times=np.linspace(0.0, DURATION, 50))
+
+
+def differences(read: Any, **base: float) -> np.ndarray:
+    """Return the derivatives by all numbers, by central differences of fourth order."""
+    columns = []
+    for name, value in {**NOMINAL, **base}.items():
+        if name == "restitution" and not value:
+            continue
+        step = 1e-4 * (abs(value) or 1.0)
+        near, far = ((read(run(**{**base, name: value + k * step})) - read(run(**{**base, name: value - k * step})))
+                     / (2.0 * k * step) for k in (1, 2))  # fmt: skip
+        columns.append((4.0 * near - far) / 3.0)
+    return np.stack(columns, axis=-1)
+
+
+@pytest.mark.parametrize("restitution", [0.7, 0.0])
+def test_derivatives_of_a_run_agree_with_differences(restitution: float) -> None:
+    """Motion, times and impulses of impacts; without restitution the body rests at the wall and is let go again."""
+    base = {"restitution": restitution}
+    model, parameters, one = scene(**base)
+    result = vf.simulate(model, DURATION, method="event_driven", times=np.linspace(0.0, DURATION, 50))
+    if not restitution:
+        assert len(result.contacts["wall"].pinned)
+        # A body that rests at once has no derivative by a restitution that cannot be negative.
+        parameters = [each for each in parameters if each.field != "restitution"]
+    found = vf.sensitivities(result, parameters)
+
+    def displacement(other: vf.Result) -> np.ndarray:
+        return other.displacement(other.scene.bodies[0])
+
+    def checked(mine: np.ndarray, read: Any, tolerance: float = 2e-7) -> None:
+        expected = differences(read, **base)
+        np.testing.assert_allclose(mine, expected, atol=tolerance * np.abs(expected).max())
+
+    checked(found.displacement(one), displacement)
+    checked(found.contacts["wall"].closings, lambda other: other.contacts["wall"].closings)
+    checked(found.contacts["wall"].impacts.impulse, lambda other: other.contacts["wall"].impacts.impulse)
+    assert np.all(np.isnan(found.contacts["wall"].impacts.peak_force))
+    times, data = np.linspace(0.3, DURATION, 20), np.linspace(-0.02, 0.03, 20)
+    objective = vf.objectives.sum_of_squares(one, times, data)
+    gradient = vf.gradient(result, objective, parameters)
+    apart = result.displacement(one, times) - data
+    forward = 2.0 * apart @ found.displacement(one, times)
+    np.testing.assert_allclose(gradient, forward, rtol=1e-10, atol=1e-11 * np.abs(forward).max())
+    for refused in (
+        lambda: found.energy,
+        lambda: vf.gradient(result, vf.objectives.dissipated(), parameters),
+        lambda: vf.gradient(result, vf.objectives.peak_force("wall"), parameters),
+        lambda: vf.gradient(result, vf.objectives.impulse("wall"), parameters),
+    ):
+        with pytest.raises(vf.MethodError, match="RigidStop 'wall'"):
+            refused()
+
+
+def test_a_bouncing_ball_has_the_derivatives_of_its_closed_form() -> None:
+    """Times t_n = t_0 (1 + 2 e (1 - e^n)/(1 - e)), up to their accumulation, by e, g's load and the height."""
+    e, height, g, mass = 0.6, 0.5, 9.81, 1.3
+    ball = vf.Mass(mass, name="ball")
+    floor = vf.RigidStop(ball, gap=height, restitution=e, side="below", name="floor")
+    weight = vf.PointLoad(ball, vf.Constant(-mass * g))
+    result = vf.simulate(vf.Scene([ball], [weight, floor]), 2.0, method="event_driven")
+    found = vf.sensitivities(result, [vf.Parameter(floor, "restitution"), vf.Parameter(floor, "gap")])
+    times = result.contacts["floor"].closings
+    n = np.arange(20)
+    first = np.sqrt(2.0 * height / g)
+    by_e = first * 2.0 * np.array([sum((k + 1) * e**k for k in range(one)) for one in n.tolist()])
+    np.testing.assert_allclose(found.contacts["floor"].closings[:20, 0], by_e, rtol=1e-9, atol=1e-13)
+    np.testing.assert_allclose(found.contacts["floor"].closings[:20, 1], times[:20] / (2.0 * height), rtol=1e-9)
+    # Where impacts accumulate, at t_0 (1 + e)/(1 - e); it rests from a billionth of the first speed on.
+    np.testing.assert_allclose(
+        found.contacts["floor"].closings[-1], [2.0 * first / (1.0 - e) ** 2, times[-1] / (2.0 * height)], rtol=1e-6
+    )
+
+
+def test_derivatives_of_an_orbit_agree_with_its_closed_form() -> None:
+    """The time and the place of an orbit with one impact by gap and load; the fold's gap scales with the load."""
+    omega, gap = 2.6, -0.2
+    orbit = vf.periodic(oscillator(omega, gap))
+    mass, (stop, load) = orbit.scene.bodies[0], orbit.scene.effects
+    found = vf.sensitivities(orbit, [vf.Parameter(stop, "gap"), vf.Parameter(load, "f.amplitude")])
+    # Displacements are linear in gap and load together: u = gap du/dgap + F du/dF.
+    both = found.displacement(mass)
+    np.testing.assert_allclose(gap * both[:, 0] + both[:, 1], orbit.result.displacement(mass), atol=1e-12)
+    step = 1e-4
+    near, far = ((vf.periodic(oscillator(omega, gap + k * step), guess=orbit).result.displacement(mass)
+                  - vf.periodic(oscillator(omega, gap - k * step), guess=orbit).result.displacement(mass))
+                 / (2.0 * k * step) for k in (1, 2))  # fmt: skip
+    np.testing.assert_allclose(both[:, 0], (4.0 * near - far) / 3.0, atol=1e-8)
+    assert closed(omega).speeds(gap)[1] == pytest.approx(orbit.result.contacts["stop"].impacts.approach_speed[0])
+    with pytest.raises(vf.MethodError, match="rigid stops have no second derivatives"):
+        _ = found.multipliers
+
+
+def test_a_fold_of_orbits_with_impacts_moves_with_the_load() -> None:
+    """The gap at the fold is in proportion to the load, and so is that at the grazing."""
+    branch = vf.continuation(lambda gap: oscillator(1.7, gap), 0.3, 1.2)
+    assert [mark.kind for mark in branch.special] == ["fold", "grazing"]
+    for mark in branch.special:
+        stop, load = mark.orbit.scene.effects
+        found = vf.sensitivities(mark, [vf.Parameter(load, "f.amplitude")], along=vf.Parameter(stop, "gap"))
+        assert found.value[0] == pytest.approx(mark.value, rel=1e-8)
