@@ -38,6 +38,10 @@ ADDED: tuple[tuple[str, Callable[[], vf.Scene]], ...] = (
     ("a springpot at the tip", lambda: _bare_with(_springpot(0.5))),
     ("a springpot whose order varies", lambda: _bare_with(_springpot(lambda t: 0.5 + 0.4 * np.sin(t)))),
     ("a one-sided foundation, 25 contacts", lambda: _bare_with(_lift_off)),
+    ("dry friction at the tip, rigid", lambda: _bare_with(_slides(None))),
+    ("dry friction at the tip, behind a spring", lambda: _bare_with(_slides(100.0))),
+    ("a rigid stop at the tip", lambda: _bare_with(_bounces)),
+    ("a mass that travels", lambda: _bare_with(lambda beam: [vf.PointMass(beam.along(vf.Path(0.05)), mass=0.1)])),
 )
 
 
@@ -55,6 +59,14 @@ def _springpot(order: Any) -> Callable[[vf.Beam], list[Any]]:
 
 def _lift_off(beam: vf.Beam) -> list[Any]:
     return [vf.Foundation(beam, stiffness=1.0, one_sided=True, gap=0.03)]
+
+
+def _slides(stiffness: float | None) -> Callable[[vf.Beam], list[Any]]:
+    return lambda beam: [vf.Friction(beam.at(1.0), coefficient=0.5, normal=0.1, stiffness=stiffness)]
+
+
+def _bounces(beam: vf.Beam) -> list[Any]:
+    return [vf.RigidStop(beam.at(1.0), gap=0.05, side="above", restitution=0.7)]
 
 
 @dataclass(frozen=True)

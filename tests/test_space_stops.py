@@ -283,3 +283,16 @@ def test_what_is_missing_or_impossible_is_told():
     both = vf.Scene([mass], [*scene.effects, jumping])
     with pytest.raises(vf.MethodError, match="'jump' acts on"):
         vf.simulate(both, 1.0, method="event_driven")
+
+
+def test_a_published_mass_between_a_shaken_base_and_a_stop_in_space():
+    """SDND102 of code_aster, its stop in space: relative displacements of an independent integration."""
+    m, k, omega = 25.0, 98696.0, 20.0 * np.pi
+    mass = vf.Mass(m, stiffness=k, damping=2.0 * 0.07 * np.sqrt(k * m), name="mass")
+    stop = vf.Contact(mass, gap=5e-4, stiffness=5.76e7, side="above", acts_on="penetration", frame="space", name="stop")
+    base = vf.BaseMotion(mass, vf.Sine(1.0, omega), displacement=0.0, velocity=-1.0 / omega)
+    times = np.array([0.05, 0.25, 0.4, 0.5, 1.0])
+    result = vf.simulate(vf.Scene([mass], [stop, base]), 1.0, times=times, method="event_driven")
+    known = [-3.58004e-4, -1.88702e-4, -1.89840e-4, -7.02148e-5, -1.08559e-4]
+    np.testing.assert_allclose(result.displacement(mass), known, rtol=0.0, atol=5e-10)
+    assert len(result.contacts["stop"].impacts) > 0

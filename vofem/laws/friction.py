@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+#: Statuses of a slider beside CLOSED (stuck behind its spring) and PINNED (stuck): it slides in either direction.
+UP, DOWN = 3, 4
+
 
 @dataclass(frozen=True, eq=False)
 class FrictionLaw:

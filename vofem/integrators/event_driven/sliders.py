@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.laws import ContactLaws, FrictionLaws
+from vofem.laws.friction import DOWN, UP
 from vofem.system import CLOSED, PINNED, System
 from vofem.time_functions import TimeFunction
 from vofem.time_functions.piece import Piece
@@ -27,9 +28,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-#: Statuses of a slider beside CLOSED (stuck behind its spring) and PINNED (stuck): it slides in either direction.
-UP, DOWN = 3, 4
 
 
 def with_sliders(system: System) -> System:

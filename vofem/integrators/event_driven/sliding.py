@@ -20,8 +20,9 @@ from vofem.integrators.base import ContactSamples, Energies
 from vofem.integrators.event_driven.energy import work_and_dissipation
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.regime import Motion, Regime, Regimes, flat
-from vofem.integrators.event_driven.sliders import DOWN, UP, Sliders, with_sliders
+from vofem.integrators.event_driven.sliders import Sliders, with_sliders
 from vofem.integrators.event_driven.solution import EventSolution
+from vofem.laws.friction import DOWN, UP
 from vofem.system import CLOSED, PINNED, Counters, Events, State, System
 
 Array = NDArray[np.float64]

@@ -25,11 +25,11 @@ from vofem.integrators.event_driven.search import (
     START,
     march,
 )
-from vofem.integrators.event_driven.sliders import UP
 from vofem.integrators.event_driven.sliding import SlidingSolution
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.tangent import acceleration
 from vofem.kernels.mode import kernels
+from vofem.laws.friction import UP
 from vofem.system import CLOSED, OPEN, PINNED
 
 Array = NDArray[np.float64]

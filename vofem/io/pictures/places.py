@@ -36,7 +36,7 @@ def along_beam(scene: Scene, beam: Body) -> list[Place]:
         fixed = contact.b is None and contact.of != "rotation"
         surface = (-contact.gap if contact.side == "below" else contact.gap) if fixed else None
         own = [p for p in contact.points() if p.body is beam and not isinstance(p, TravellingPoint)]
-        places += [Place(contact.name, point.x, surface) for point in own]
+        places += [Place(contact.name, p.x, surface) for p in own]
     return places
 
 

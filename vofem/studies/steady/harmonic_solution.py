@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from vofem.arrays import Array, Complex
 from vofem.integrators.base import ContactSamples, Energies, SpringSamples, status_at
 from vofem.integrators.event_driven.modal_samples import ModalSamples
-from vofem.integrators.slider_history import SliderSamples
 from vofem.laws import LawGroup, LawSet
 from vofem.result import Result
 from vofem.scene import Scene
@@ -22,6 +21,9 @@ from vofem.studies.steady.linear_rest import LinearRest
 from vofem.studies.steady.orbit import TIMES
 from vofem.studies.steady.trigonometric import basis, roots, to_real, turning_points
 from vofem.system import CLOSED, OPEN, Counters, Events, System
+
+if TYPE_CHECKING:
+    from vofem.integrators.slider_history import SliderSamples
 
 #: Gauss's rule between two times, for work and dissipation.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
@@ -154,6 +156,8 @@ class HarmonicSolution:
 
     def friction(self, times: Array) -> SliderSamples:
         """Return the sliders at some times; they slide where their force has its limit."""
+        from vofem.integrators.slider_history import SliderSamples
+
         group = self._sliders
         force, stored, dissipated = self._along_path([group], times)[0][0]
         limits = group.limits()[:, None]

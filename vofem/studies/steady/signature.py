@@ -26,7 +26,7 @@ from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.along import Path
 from vofem.integrators.event_driven.flow import Flow, Start
 from vofem.integrators.event_driven.regime import Motion
-from vofem.integrators.event_driven.sliders import UP
+from vofem.laws.friction import UP
 from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
 from vofem.studies.steady.shooting import Shooting, relative
