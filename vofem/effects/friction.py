@@ -16,7 +16,7 @@ from vofem.errors import ArgumentError
 from vofem.laws.friction import FrictionLaw
 from vofem.parameters import CHOSEN, Kind, Name, Real, declared, label_of, rule
 from vofem.parameters.place import Book, Place
-from vofem.time_functions.base import OfTime, TimeFunction
+from vofem.time_functions.base import Constant, OfTime, TimeFunction
 
 _NAME = Name()
 
@@ -50,14 +50,14 @@ class OfContact(Kind):
 
 @declared()
 class Friction(TwoPoints):
-    """Coulomb friction under a constant normal force, or under the force of a contact.
+    """Coulomb friction under a given normal force, or under the force of a contact.
 
     The slip speed is ``w = v_a - v_b - belt``. While it slides, the force on a is ``coefficient * normal`` against w.
     While it sticks, w is zero exactly, and the force is the reaction that keeps it so; sticking ends where the reaction
     reaches ``static * normal``. With `stiffness` the slider is behind a spring (a Jenkins element): while it sticks,
-    w stretches the spring. `result.frictions` has the histories. The methods ``"event_driven"``, for a constant normal
-    force, and ``"energy_conserving"`` treat sliders; harmonic balance treats those with `stiffness`,
-    and shooting rigid ones under a constant normal force without a belt.
+    w stretches the spring. `result.frictions` has the histories. ``"event_driven"`` treats sliders under a constant
+    normal force, the methods that step in time all sliders. Harmonic balance treats those with `stiffness`, and
+    shooting rigid ones, both under a constant normal force; shooting takes no belt.
 
     Raises
     ------
@@ -78,12 +78,15 @@ class Friction(TwoPoints):
     static: Annotated[
         float | None, Real("", "Coefficient at break-away, not below `coefficient`, which is the default.", above=0.0)
     ] = None
-    normal: Annotated[float | None, Real("N", "Normal force, if it is constant.", above=0.0)] = None
+    normal: Annotated[
+        TimeFunction | float | None,
+        OfTime("N", "Normal force; where it depends on time, it presses only while it is positive."),
+    ] = None
     contact: Annotated[
         Contact | str | None,
         OfContact(
-            "`Contact` whose force presses, or its name; ``N = max(force, 0)``. Give either this or `normal`. Only "
-            '``"energy_conserving"`` treats it, without `stiffness`.'
+            "`Contact` whose force presses, or its name; ``N = max(force, 0)``. Give either this or `normal`. Methods "
+            "that step in time treat it."
         ),
     ] = None
     stiffness: Annotated[
@@ -105,6 +108,11 @@ class Friction(TwoPoints):
                 "constant force in N, or contact= with a Contact, or its name, for the force of that contact"
             )
 
+    @rule("normal")
+    def _presses(self) -> None:
+        if isinstance(self.normal, Constant) and not self.normal.value > 0.0:
+            raise wrong(f"{label_of(self)}: normal", f"{self.normal.value:g}", "a force above 0 N")
+
     @rule("static", "coefficient")
     def _harder_to_start(self) -> None:
         if self.static is not None and self.static < self.coefficient:
@@ -117,10 +125,12 @@ class Friction(TwoPoints):
         """Add row and law."""
         static = self.coefficient if self.static is None else self.static
         belt = self.belt if isinstance(self.belt, TimeFunction) else None
-        normal = 1.0 if self.normal is None else self.normal
+        constant = self.normal.value if isinstance(self.normal, Constant) else None
+        varies = self.normal if constant is None and isinstance(self.normal, TimeFunction) else None
+        normal = 1.0 if constant is None else constant
         law = FrictionLaw(
             self.name, label_of(self), self.coefficient * normal, static * normal,
-            np.inf if self.stiffness is None else self.stiffness, belt, normal, self.pressing,
+            np.inf if self.stiffness is None else self.stiffness, belt, normal, self.pressing, varies,
         )  # fmt: skip
         builder.add_law(self._row(builder), law)
 
@@ -134,7 +144,9 @@ class Friction(TwoPoints):
         static = "" if self.static is None else f", {self.static:g} at break-away"
         spring = "" if self.stiffness is None else f", behind {self.stiffness:g} {self.units.stiffness}"
         belt = "" if self.belt is None else f", on a belt of speed {self.belt!r}"
-        pressed = f"pressed by {self.pressing!r}" if self.normal is None else f"normal force {self.normal:g} N"
+        pressed = f"pressed by {self.pressing!r}" if self.normal is None else f"normal force {self.normal!r} N"
+        if isinstance(self.normal, Constant):
+            pressed = f"normal force {self.normal.value:g} N"
         return (
             f"Friction {self.name!r} from {self._where()}: coefficient {self.coefficient:g}{static}, {pressed}"
             f"{spring}{belt}"

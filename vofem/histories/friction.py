@@ -65,7 +65,8 @@ class FrictionHistory:
     @property
     def wear_power(self) -> Array:
         """Normal force times slip speed, ``N |w|``, W; the power that becomes heat is `coefficient` times that."""
-        normal = self._law.normal if self._law.contact is None else self._samples.normal[self._index]
+        constant = self._law.contact is None and self._law.varies is None
+        normal = self._law.normal if constant else self._samples.normal[self._index]
         return np.asarray(normal * np.abs(self.slip_speed))
 
     @cached_property

@@ -9,7 +9,6 @@ _EVENTS = "vofem.integrators.event_driven"
 _FORCE = "vofem.integrators.force_driven"
 _STEPPING = "vofem.integrators.stepping.methods"
 _REFUSED_BY_STEPS = deferred("vofem.integrators.stepping.refusal", "refusal")
-_REFUSED_BY_ENDS = deferred("vofem.integrators.stepping.refusal", "refused_by_ends")
 
 
 def _is_exact(system: System) -> str:
@@ -48,7 +47,7 @@ ENERGY_CONSERVING = Method(
 GENERALIZED_ALPHA = Method(
     "generalized_alpha",
     deferred(_STEPPING, "generalized_alpha"),
-    _REFUSED_BY_ENDS,
+    _REFUSED_BY_STEPS,
     {"rho_infinity": 0.8, "alpha_m": None, "alpha_f": None, "gamma": None, "newmark_beta": None} | _NEARBY,
     adaptive=True,
     records=True,
@@ -57,7 +56,7 @@ GENERALIZED_ALPHA = Method(
 CENTRAL_DIFFERENCE = Method(
     "central_difference",
     deferred(_STEPPING, "central_difference"),
-    _REFUSED_BY_ENDS,
+    _REFUSED_BY_STEPS,
     _NEARBY,
     records=True,
     conditional=True,

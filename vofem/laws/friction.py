@@ -1,15 +1,19 @@
+# mypy: disable-error-code="no-any-return"
 """Coulomb friction: sliders on rows, rigid or behind a spring (Jenkins elements)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.kernels.jit import jit
 from vofem.laws.group import LawGroup, ListedLaws
 from vofem.laws.hysteretic import HystereticLaws, jenkins
+from vofem.laws.law import COMMIT, FORCE, KINK, MEAN, STORED, TANGENT, Law
 
 if TYPE_CHECKING:
     from vofem.time_functions import TimeFunction
@@ -34,9 +38,11 @@ class FrictionLaw:
     belt : TimeFunction, optional
         Speed of the belt, m/s.
     normal : float
-        Normal force, N; 1 where a contact presses, so that limits are coefficients.
+        Normal force, N; 1 where a contact presses or where it varies, so that limits are coefficients.
     contact : str, optional
         Name of the contact whose force presses.
+    varies : TimeFunction, optional
+        Normal force, N, that depends on time; it presses only while it is positive.
     """
 
     group: ClassVar[type[LawGroup]]
@@ -49,6 +55,7 @@ class FrictionLaw:
     belt: TimeFunction | None
     normal: float
     contact: str | None = None
+    varies: TimeFunction | None = None
 
 
 @dataclass(frozen=True)
@@ -69,16 +76,21 @@ class FrictionLaws(ListedLaws):
                     f"{law.label} is pressed by the contact {law.contact!r}, so that its matrices are not symmetric, "
                     f"which {method} does not treat"
                 )
+            if law.varies is not None:
+                return f"{law.label} has a normal force that depends on time, which {method} does not treat"
             if law.belt is not None and not law.belt.closed_form:
                 return f"{law.label}: the speed of its belt has no closed form, which {method} needs"
         return None
 
     def refusal(self, what: str) -> str:
         """Return why something cannot treat sliders, and what to do instead."""
-        pressed = any(law.contact is not None for law in self.laws)
-        only = "'energy_conserving'" if pressed else "'event_driven' or 'energy_conserving'"
-        orbits = "" if self.orbit_refusal() is not None else ", and orbits by shooting do"
-        return f"{what} does not treat {self.labels[0]}; only simulate(method={only}){orbits or ' does'}"
+        constant = all(law.contact is None and law.varies is None for law in self.laws)
+        runs = "methods 'event_driven', " if constant else "methods "
+        orbits = "" if self.orbit_refusal() is not None else ", and orbits by shooting"
+        return (
+            f"{what} does not treat {self.labels[0]}; simulate with the {runs}'energy_conserving', "
+            f"'generalized_alpha' or 'central_difference'{orbits} does"
+        )
 
     def orbit_refusal(self) -> str | None:
         """Return why shooting cannot treat the sliders, and what to do instead; None for rigid ones without belts."""
@@ -86,6 +98,8 @@ class FrictionLaws(ListedLaws):
             why, cure = "", "simulate the scene until it has settled"
             if law.contact is not None:
                 why = f"is pressed by the contact {law.contact!r}"
+            elif law.varies is not None:
+                why = "has a normal force that varies"
             elif law.stiffness < np.inf:
                 why = "has a stiffness, whose spring remembers where it slid last"
                 cure = "use method='harmonic_balance', or simulate the scene until it has settled"
@@ -107,6 +121,8 @@ class FrictionLaws(ListedLaws):
         for law in self.laws:
             if law.contact is not None:
                 found, cure = f"is pressed by the contact {law.contact!r}", "give normal= instead"
+            elif law.varies is not None:
+                found, cure = "has a normal force that varies", "give a constant one"
             elif np.isinf(law.stiffness):
                 found, cure = (
                     "sticks rigidly, so its force jumps",
@@ -133,8 +149,12 @@ class FrictionLaws(ListedLaws):
         """Return the sliders for a run that begins at a time in s."""
         from vofem.time_functions.shifted import Shifted
 
-        laws = (law if law.belt is None else replace(law, belt=Shifted(law.belt, start)) for law in self.laws)
-        return replace(self, laws=tuple(laws))
+        def later(function: TimeFunction | None) -> TimeFunction | None:
+            return None if function is None else Shifted(function, start)
+
+        return replace(
+            self, laws=tuple(replace(law, belt=later(law.belt), varies=later(law.varies)) for law in self.laws)
+        )  # fmt: skip
 
     def numbers(self) -> Array:
         """Return all numbers that define the sliders but belts."""
@@ -148,10 +168,21 @@ class FrictionLaws(ListedLaws):
         """No force follows from coordinates."""
         return np.zeros(u.shape)
 
-    @property
-    def forms(self) -> tuple[Any, ...]:
-        """No law in the sense of `law.Law`: a slider's force does not follow from its coordinate."""
-        return ()
+    @cached_property
+    def forms(self) -> tuple[Law, ...]:
+        """The sliders behind springs as functions; a rigid slider exerts no force that follows from its coordinate."""
+        return tuple(self._form(law) for law in self.laws)
+
+    def _form(self, law: FrictionLaw) -> Law:
+        if np.isinf(law.stiffness):
+            return Law(law.label, law.name, no_law, stiffness=0.0)
+        known = law.contact is None and law.varies is None
+        normal = law.normal if known else 0.0
+        numbers = [law.limit / law.normal, law.static / law.normal, law.stiffness, normal, normal]
+        return Law(
+            law.label, law.name, slider, np.array(numbers), np.array([np.nan, 0.0, 1.0]), law.stiffness,
+            rising=law.static == law.limit,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -162,3 +193,47 @@ class JenkinsSliders(HystereticLaws):
 
 
 FrictionLaw.group = FrictionLaws
+
+
+@jit
+def no_law(what: int, p: Any, z: Any, u0: float, u1: float) -> float:
+    """Answer for a row without a law of its own."""
+    return np.nan if what == KINK else 0.0
+
+
+@jit
+def slider(what: int, p: Any, z: Any, u0: float, u1: float) -> float:
+    """Answer for a slider behind a spring.
+
+    The numbers p are the coefficients of sliding and of break-away, the stiffness of the spring, N/m, and the normal
+    forces at the start and at the end of the path, N, which vary evenly in between. The internal variables z are the
+    coordinate at the start, m, NaN before any path, the stretch of the spring there, m, and 1 while the slider sticks.
+    """
+    if what == KINK:
+        return np.nan
+    k, begin = p[2], z[1]
+    way = u1 - z[0] if z[0] == z[0] else 0.0
+    hard = p[1] if z[2] == 1.0 else p[0]
+    end = begin + way
+    side = 1.0 if end >= 0.0 else -1.0
+    sticks = side * end <= hard * p[4] / k
+    if not sticks:
+        end = side * p[0] * p[4] / k
+    if what == FORCE:
+        return k * end
+    if what == TANGENT:
+        return k if sticks else 0.0
+    if what == STORED:
+        return 0.5 * k * end * end
+    if what == COMMIT:
+        z[0], z[1], z[2] = u1, end, 1.0 if sticks else 0.0
+    if what == MEAN:
+        if sticks:
+            return k * (begin + 0.5 * way)
+        # The part of the path on which the spring stretches, up to the friction force at that time.
+        rise, low = hard * (p[4] - p[3]) / k, hard * p[3] / k
+        room = side * way - rise
+        part = min(max((low - side * begin) / room, 0.0), 1.0) if room > 0.0 else 0.0
+        middle = p[3] + 0.5 * (1.0 + part) * (p[4] - p[3])
+        return k * part * (begin + 0.5 * part * way) + side * (1.0 - part) * p[0] * middle
+    return 0.0

@@ -393,7 +393,7 @@ class LawSet:
     def load(self, u: Array, past: Array | None) -> None:
         """Begin a run: take internal variables where they are given, go to coordinates u, with nothing dissipated."""
         if past is not None and self.state.size:
-            self.state[:] = past
+            self.state[: past.size] = past
         self.commit_all(u)
         for j, law in enumerate(self.laws):
             if law.remembers:

@@ -10,10 +10,15 @@ R is the mean force of a law over the step, or its force at the end with the wei
 of a law let ``y = b_j.w``. Then the coordinate of the law at the end is ``u_p + h^2 cqw y`` and its rate
 ``r_p + h cvw y``, so springs and dampers are one scalar problem each, also at ``beta = 0``.
 
-Reactions are found in one of two ways. Where laws are few, Newton's method runs on their reactions, through the
-compliance ``G = B A^-1 B'``. Where there are about as many laws as unknowns, A with the slopes of all laws added is
-still a narrow band, and Newton's method runs on w. Both minimise the same convex function where forces do not fall,
-so both find its only minimum from any start.
+Some rows are no laws at fixed places, see `Rules`: rows that travel change from step to step, some hold their
+coordinate whatever force that takes, and some push with a known force. The reaction of such a row acts between its
+places at both ends of the step, at the time of balance. Where laws do not act by mean forces a held coordinate is that
+of a step ahead, ``q_1 + h v_1 + h^2 w/2``: explicit steps choose that with w, and implicit ones do not oscillate.
+
+Reactions are found in one of three ways. With such rows, Newton's method runs on all forces. Otherwise, where laws are
+few, it runs on their reactions, through the compliance ``G = B A^-1 B'``. Where there are about as many laws as
+unknowns, A with the slopes of all laws added is still a narrow band, and it runs on w. The last two minimise the same
+convex function where forces do not fall, so both find its only minimum from any start.
 
 The midpoint rule solves for the correction of an extrapolated mean velocity, twice where that is large: errors of the
 factored matrix would work in one direction for ever.
@@ -27,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.kernels.jit import borrowed, jit, plain_form
-from vofem.laws.law import Laws, Way, commit_laws, damper_over, force_over, slope_over
+from vofem.laws.law import FIRST, FORCE, Laws, Way, ask, commit_laws, damper_over, force_over, slope_over
 from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.laws.springpot_steps import Springpots, begin_springpots, end_springpots
 from vofem.linalg.banded import factor_in_place, solve, subtract_product
@@ -85,6 +90,48 @@ class Equations(NamedTuple):
     damping: Array
     rows: Rows
     laws: Laws
+
+
+#: What a row does: its law acts, it holds its coordinate, it pushes with a known force, or it finds nothing.
+ACTS, HOLDS, PUSHES, ABSENT = range(4)
+
+
+class Rules(NamedTuple):
+    """What rows do over some steps beside laws at fixed places; the steps' rows begin one step of `stride` apart.
+
+    Attributes
+    ----------
+    stride : int
+        Rows in `Equations.rows` from one end of a step to the next, up to a step ahead; 0 where no row travels.
+    rates : Rows
+        Rates of the rows.
+    kind : ndarray of int, shape (steps, m)
+    present : ndarray of bool, shape (steps + 1, m)
+        Whether rows find anything at the ends of steps.
+    away : ndarray, shape (m,)
+        Coordinates of laws that find nothing.
+    anchored : ndarray of bool, shape (m,)
+        Whether a row that holds keeps the place where it is, and not its coordinate at zero.
+    push : ndarray, shape (steps, m)
+        Forces of rows that push, N; over the normal force where another law presses.
+    pressing : ndarray of int, shape (m,)
+        Number of the law that presses, -1 for none.
+    springs : ndarray of bool, shape (m,)
+        Laws that know the normal force at both ends of a step, as the last two of five numbers.
+    normal : ndarray, shape (steps + 1, m)
+        These forces where no law presses, N.
+    """
+
+    stride: int
+    rates: Rows
+    kind: NDArray[np.int64]
+    present: NDArray[np.bool_]
+    away: Array
+    anchored: NDArray[np.bool_]
+    push: Array
+    pressing: NDArray[np.int64]
+    springs: NDArray[np.bool_]
+    normal: Array
 
 
 class Size(NamedTuple):
@@ -147,6 +194,12 @@ class Work(NamedTuple):
     found : ndarray, shape (m,)
         Reactions.
     y, force, slope, change, move, solution : ndarray, shape (m,)
+    kind : ndarray of int, shape (m,)
+        What the rows do in the step.
+    per, target, best : ndarray, shape (m,)
+        Rise of coordinates with ``b_j.x``, held coordinates or the forces of rows that push, and the best forces.
+    reach : ndarray, shape (m, m)
+        Fall of coordinates by unit forces, where rows are of several kinds.
     active : ndarray of int, shape (m,)
         Numbers of the laws that act.
     matrix : ndarray, shape (m, m)
@@ -173,18 +226,24 @@ class Work(NamedTuple):
     active: NDArray[np.int64]
     matrix: Array
     band: Array
+    kind: NDArray[np.int64]
+    per: Array
+    target: Array
+    best: Array
+    reach: Array
 
 
 def work_space(n: int, m: int, size: Size) -> Work:
     """Return work space for n unknowns and m laws."""
-    matrix = np.zeros((0, 0) if size.compliance is None else (m, m))
+    matrix = np.zeros((0, 0) if size.band is not None else (m, m))
     band = np.zeros((0, 0)) if size.band is None else np.zeros_like(size.band)
     right, x, p, some, step = np.zeros((5, n))
     base, rate, free, held, found, y, force, slope, change, move, solution = np.zeros((11, m))
-    active = np.zeros(m, dtype=np.int64)
+    active, kind = np.zeros((2, m), dtype=np.int64)
+    per, target, best = np.zeros((3, m))
     return Work(
         right, x, p, some, step, base, rate, free, held, found, y, force, slope, change, move, solution, active, matrix,
-        band,
+        band, kind, per, target, best, np.zeros(matrix.shape),
     )  # fmt: skip
 
 
@@ -277,8 +336,8 @@ def _plain_largest(x: Array) -> float:
 @jit
 def advance(
     equations: Equations, numbers: Numbers, factored: Array, compliance: Array | None, band: Array | None,
-    dampers: bool, pots: Springpots | None, drift: Array | None, force: Array, shift: Array, earlier: Array,
-    chunk: Chunk, work: Work,
+    dampers: bool, pots: Springpots | None, drift: Array | None, rules: Rules | None, force: Array, shift: Array,
+    earlier: Array, chunk: Chunk, work: Work,
 ) -> tuple[int, int]:  # fmt: skip
     """Take the steps that a chunk has rows for.
 
@@ -292,8 +351,10 @@ def advance(
     dampers : bool
         Whether a law has a damper.
     pots : Springpots or None
-    drift : ndarray or None, shape (2, steps + 1, m)
-        What is added to the laws' coordinates ``b.q`` at the ends of steps, m, and its rates.
+    drift : ndarray or None, shape (2, steps + 2, m)
+        What is added to the laws' coordinates ``b.q`` at the ends of steps, and one step ahead, m, and its rates.
+    rules : Rules or None
+        What rows do that are no laws at fixed places; not without `drift`.
     force : ndarray, shape (steps, n)
         Loads in the balance of every step; no rows where there are none.
     shift : ndarray, shape (steps, n)
@@ -312,8 +373,10 @@ def advance(
     chunk, work, factored = borrowed(chunk), borrowed(work), borrowed(factored)
     force, shift, earlier = borrowed(force), borrowed(shift), borrowed(earlier)
     dt, b, mean, ahead, half = numbers.dt, numbers.b, numbers.mean, numbers.ahead, numbers.b * numbers.dt * numbers.cvw
-    right, x, p, some, found = work.right, work.x, work.p, work.some, work.found
-    m, solves = work.y.size, 0
+    right, x, p, some, found, kind = work.right, work.x, work.p, work.some, work.found, work.kind
+    m, solves, stride = work.y.size, 0, 0
+    if rules is not None:
+        stride = rules.stride
     # An explicit step knows the coordinates of the laws, and solves for their rates.
     explicit, weight = numbers.cqw == 0.0, 1.0 if mean else b
     way = Way(mean, explicit, (1.0 + ahead) / weight, ahead / weight, dt)
@@ -325,6 +388,7 @@ def advance(
     for k in range(chunk.q.shape[0] - 1):
         q0, v0, a0, q1, v1, a1 = chunk.q[k], chunk.v[k], chunk.a[k], chunk.q[k + 1], chunk.v[k + 1], chunk.a[k + 1]
         u0, before, last = chunk.u[k], chunk.damper[k], chunk.reaction[k]
+        here, there, ahead_of = k * stride, (k + 1) * stride, (k + 2) * stride
         # For mean forces p is guessed, the mean rate of displacement; otherwise q1 and v1 are those without w.
         # Motion that the step does not resolve changes its velocity from step to step. It drops out of the mean
         # velocities of the two steps before, which are extrapolated here.
@@ -333,12 +397,18 @@ def advance(
         else:
             _predict(q0, v0, a0, q1, v1, dt, dt * dt * numbers.cqa, dt * numbers.cva)
             for j in range(m):
-                work.base[j] = dot(rows, j, q1)
+                work.base[j] = dot(rows, there + j, q1)
                 # Only dampers ask for it, and springpots, which count as such.
-                work.rate[j] = dot(rows, j, v1) if dampers else 0.0
+                work.rate[j] = dot(rows, there + j, v1) if dampers else 0.0
                 if drift is not None:
                     work.base[j] += drift[0, k + 1, j]
                     work.rate[j] += drift[1, k + 1, j]
+                if rules is not None:  # noqa: SIM102 (numba leaves out the branch only so)
+                    if stride > 0:
+                        work.rate[j] += dot(rules.rates, there + j, q1)
+        if rules is not None:
+            assert compliance is not None
+            _prepare(rows, rules, k, numbers, factored, compliance, per_y, weight, u0, laws, work)
         if pots is not None:
             begin_springpots(pots, k, laws, way, chunk.pots, u0, work.base, work.rate)
         for j in range(m):
@@ -359,10 +429,12 @@ def advance(
                 if shifted:
                     _sum(some, some, 1.0 / half, shift[k])
                 subtract_product(mass, some, right)
+                if stride > 0:
+                    _sum(q1, q0, dt, p)
                 for j in range(m):
-                    work.base[j] = u0[j] + dt * dot(rows, j, p)
+                    work.base[j] = u0[j] + dt * dot(rows, j, p) if stride == 0 else dot(rows, there + j, q1)
                     if drift is not None:
-                        work.base[j] += drift[0, k + 1, j] - drift[0, k, j]
+                        work.base[j] += drift[0, k + 1, j] - (drift[0, k, j] if stride == 0 else 0.0)
             else:
                 if b < 1.0:
                     _between(some, q0, b, q1)
@@ -373,15 +445,15 @@ def advance(
                     _between(some, v0, b, v1)
                     subtract_product(damping, some, right)
                 for j in range(m):
-                    if b < 1.0 and last[j] != 0.0:
-                        subtract_row(rows, j, (1.0 - b) * last[j], right)
+                    if b < 1.0 and last[j] != 0.0 and kind[j] == ACTS:
+                        subtract_row(rows, here + j, (1.0 - b) * last[j], right)
             if solved:
                 for j in range(m):
                     if turned:
                         found[j] = force_over(laws, j, way, u0[j], work.base[j], 0.0, before[j])
                     work.held[j] = found[j]
-                    subtract_row(rows, j, weight * found[j], right)
-            if explicit and not dampers:
+                    _pull(rows, here, there, j, kind[j], mean, b, weight * found[j], right)
+            if explicit and not dampers and rules is None:
                 # Forces are known before the acceleration.
                 for j in range(m):
                     found[j] = force_over(laws, j, way, u0[j], work.base[j], 0.0, 0.0)
@@ -395,10 +467,31 @@ def advance(
             copy(right, x)
             solve(factored, x)
             if m > 0 and (solved or again == 0):
-                for j in range(m):
-                    work.free[j] = dot(rows, j, x)
                 answer = 0
-                if compliance is not None:
+                if rules is not None:
+                    for j in range(m):
+                        out, origin = there, work.rate[j] if explicit else work.base[j]
+                        if kind[j] == HOLDS:
+                            assert drift is not None
+                            origin = work.base[j]
+                            if not mean:
+                                out = ahead_of
+                                origin = dt * dot(rows, out + j, v1) + drift[0, k + 2, j]
+                                origin += -drift[0, k + 1, j] if rules.anchored[j] else dot(rows, out + j, q1)
+                        work.free[j] = origin + work.per[j] * dot(rows, out + j, x)
+                    answer = _react_by_kinds(laws, rules, way, u0, before, last, b, work)
+                    if answer < 0:
+                        return k, solves
+                    if answer > 0:
+                        solved = 1
+                        copy(right, x)
+                        for j in range(m):
+                            more = (found[j] - work.held[j]) * (weight if kind[j] == ACTS else 1.0)
+                            _pull(rows, here, there, j, kind[j], mean, b, more, x)
+                        solve(factored, x)
+                for j in range(m):
+                    work.free[j] = dot(rows, there + j, x)
+                if compliance is not None and rules is None:
                     if turned:
                         answer = _correct_reactions(compliance, laws, way, u0, work, per_y, weight)
                     else:
@@ -434,14 +527,20 @@ def advance(
         else:
             _correct(q1, v1, a0, a1, x, dt * dt * numbers.cqw, dt * numbers.cvw, 1.0 / (1.0 - numbers.alpha_m))
         for j in range(m):
-            chunk.u[k + 1, j] = work.base[j] if explicit else dot(rows, j, q1)
+            chunk.u[k + 1, j] = work.base[j] if explicit else dot(rows, there + j, q1)
             if drift is not None and not explicit:
                 chunk.u[k + 1, j] += drift[0, k + 1, j]
+            if rules is not None:  # noqa: SIM102
+                if not rules.present[k + 1, j]:
+                    chunk.u[k + 1, j] = rules.away[j]
             chunk.reaction[k + 1, j] = found[j]
-            if dampers:
-                rate = dot(rows, j, v1)
+            if dampers and kind[j] != ABSENT:
+                rate = dot(rows, there + j, v1)
                 if drift is not None:
                     rate += drift[1, k + 1, j]
+                if rules is not None:  # noqa: SIM102 (numba leaves out the branch only so)
+                    if stride > 0:
+                        rate += dot(rules.rates, there + j, q1)
                 damper = damper_over(laws, j, way, u0[j], chunk.u[k + 1, j], rate)
                 chunk.damper[k + 1, j] = damper
                 # A damper that acts by its mean has no force at the end.
@@ -456,6 +555,141 @@ def advance(
 
 
 # -- reactions ----------------------------------------------------------------------------------------------
+
+
+@jit
+def _pull(
+    rows: Rows, here: int, there: int, j: int, kind: int, mean: bool, b: float, amount: float, y: Array
+) -> None:  # fmt: skip
+    """Subtract a multiple of row j from y: of that within the step, or of that at its end for a law that acts there."""
+    part = b if mean or kind != ACTS else 1.0
+    if here == there or part == 1.0:
+        if amount != 0.0:
+            subtract_row(rows, there + j, amount, y)
+    else:
+        subtract_row(rows, here + j, (1.0 - part) * amount, y)
+        subtract_row(rows, there + j, part * amount, y)
+
+
+@jit
+def _prepare(
+    rows: Rows, rules: Rules, k: int, numbers: Numbers, factored: Array, compliance: Array, per_y: float,
+    weight: float, u0: Array, laws: Laws, work: Work,
+) -> None:  # fmt: skip
+    """Find what rows do in step k, and how far they give way: into `kind`, `per`, `target` and `reach` of `work`."""
+    dt, mean, m, stride = numbers.dt, numbers.mean, u0.size, rules.stride
+    ahead = dt * dt * (numbers.cvw + 0.5)
+    for j in range(m):
+        kind = rules.kind[k, j]
+        work.kind[j], work.per[j], work.target[j] = kind, per_y, 0.0
+        if kind == HOLDS:
+            if mean and rules.anchored[j]:
+                work.target[j] = u0[j]
+            if not mean:
+                work.per[j] = ahead if rules.anchored[j] else ahead + dt * dt * numbers.cqw
+        elif kind == PUSHES:
+            work.target[j] = rules.push[k, j]
+        if rules.springs[j] and rules.pressing[j] < 0:
+            at = laws.table[j, FIRST] + 3
+            laws.parameters[at], laws.parameters[at + 1] = rules.normal[k, j], rules.normal[k + 1, j]
+    for j in range(m):
+        share = weight if work.kind[j] == ACTS else 1.0
+        if stride > 0:
+            fill(work.step, 0.0)
+            _pull(rows, k * stride, (k + 1) * stride, j, work.kind[j], mean, numbers.b, -1.0, work.step)
+            solve(factored, work.step)
+        for i in range(m):
+            out = (k + 2 if work.kind[i] == HOLDS and not mean else k + 1) * stride + i
+            answer = dot(rows, out, work.step) if stride > 0 else compliance[i, j]
+            work.reach[i, j] = work.per[i] * share * answer
+
+
+@jit
+def _react_by_kinds(
+    laws: Laws, rules: Rules, way: Way, u0: Array, before: Array, last: Array, b: float, work: Work
+) -> int:
+    """Find the reactions of a step whose rows are of several kinds by Newton's method; return what `_react` does.
+
+    On entry ``work.free`` holds the coordinates, or in explicit steps the rates, that depend on reactions, with the
+    reactions in ``work.held`` only. A step that does not lessen what is out of balance is halved.
+    """
+    free, found, held, y, force, solution, best = (
+        work.free, work.found, work.held, work.y, work.force, work.solution, work.best,
+    )  # fmt: skip
+    m, smallest, weight = u0.size, np.inf, 1.0 if way.mean else b
+    for i in range(m):
+        best[i], solution[i], work.slope[i] = found[i], 0.0, 0.0
+        for j in range(m):
+            free[i] += work.reach[i, j] * held[j]
+    for step in range(_MOST):
+        size = 0.0
+        for i in range(m):
+            y[i], work.move[i] = free[i], abs(free[i])
+            for j in range(m):
+                y[i] -= work.reach[i, j] * found[j]
+                work.move[i] += abs(work.reach[i, j] * found[j])
+        for i in range(m):
+            kind, presses, share = work.kind[i], rules.pressing[i], 1.0
+            own, slope, scale = 1.0, 0.0, abs(found[i])
+            if presses >= 0:
+                # Of laws that act at ends of steps, the force at the start takes part in the balance too.
+                total = found[presses] if way.mean else weight * found[presses] + (1.0 - weight) * last[presses]
+                if rules.springs[i]:
+                    _press(laws, i, presses, way, u0[presses], y[presses], found[presses])
+            if kind == ACTS:
+                u1 = work.base[i] if way.explicit else y[i]
+                force[i] = force_over(laws, i, way, u0[i], u1, y[i], before[i])
+                slope = slope_over(laws, i, way, u0[i], u1)
+                scale += abs(force[i]) + abs(slope) * work.move[i]
+            elif kind == HOLDS:
+                force[i] = found[i] + y[i] - work.target[i]
+                own, slope, scale = 0.0, 1.0, work.move[i] + abs(work.target[i])
+            elif kind == PUSHES:
+                force[i], share = work.target[i], 0.0
+                if presses >= 0:
+                    share = force[i] * weight if total > 0.0 else 0.0
+                    force[i] *= max(total, 0.0)
+                scale += abs(force[i])
+            else:
+                force[i] = 0.0
+            for j in range(m):
+                work.matrix[i, j] = slope * work.reach[i, j] + (own if i == j else 0.0)
+                if kind == PUSHES and j == presses:
+                    work.matrix[i, j] -= share
+            work.change[i] = force[i] - found[i]
+            if not np.isfinite(force[i]):
+                return -1
+            # What large forces leave behind when they vanish is rounding.
+            work.slope[i] = max(work.slope[i], scale)
+            if work.change[i] != 0.0:
+                size = max(size, abs(work.change[i]) / work.slope[i] if work.slope[i] > 0.0 else np.inf)
+        if size <= 4.0 * _EPS * 2.0 ** min(step, 12):
+            acts = 0
+            for i in range(m):
+                if found[i] != 0.0 or held[i] != 0.0:
+                    acts = 1
+            return acts
+        if size >= smallest and step % 8 > 0:
+            for i in range(m):
+                solution[i] *= 0.5
+        else:
+            smallest = min(size, smallest)
+            copy(found, best)
+            copy(work.change, solution)
+            _eliminate(work.matrix, solution, m)
+        for i in range(m):
+            found[i] = best[i] + solution[i]
+    return -1
+
+
+@jit
+def _press(laws: Laws, j: int, presses: int, way: Way, u0: float, u1: float, mean: float) -> None:
+    """Tell law j the normal forces at both ends of a step, found from the force of the law that presses."""
+    rise = 0.0
+    if way.mean:
+        rise = ask(laws, presses, FORCE, u1, u1) - ask(laws, presses, FORCE, u0, u0)
+    at = laws.table[j, FIRST] + 3
+    laws.parameters[at], laws.parameters[at + 1] = max(mean - 0.5 * rise, 0.0), max(mean + 0.5 * rise, 0.0)
 
 
 @jit

@@ -73,7 +73,7 @@ import numpy as np
 
 from vofem._validate import number
 from vofem.arrays import Array
-from vofem.errors import ArgumentError, MethodError, StepSizeError
+from vofem.errors import ArgumentError, StepSizeError
 from vofem.integrators.base import ProbeRows
 from vofem.integrators.critical_step import critical_step
 from vofem.integrators.method import Method
@@ -82,8 +82,10 @@ from vofem.integrators.observer import Observer, Snapshot
 from vofem.integrators.registry import advice
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.energies import stored_energy
+from vofem.integrators.stepping.march import march
 from vofem.integrators.stepping.nearby import check_nearby, note_errors, note_growth
-from vofem.integrators.stepping.run import EqualSteps, Scheme, march
+from vofem.integrators.stepping.run import EqualSteps
+from vofem.integrators.stepping.scheme import Scheme
 from vofem.integrators.stepping.step_loads import followed, note_loads
 from vofem.integrators.stepping.tolerance import note_tolerance, under_tolerance
 from vofem.system import Counters, State, System
@@ -233,8 +235,6 @@ def _implicit(method: Method, scheme: Scheme, asked: Asked, blow_up: float, advi
         return _equal(method, scheme, asked, dt, counters, notes, blow_up)
     if dt is not None:
         raise ArgumentError("simulate: dt and tol were both given; tol chooses the steps, leave out dt")
-    if system.sliders is not None:
-        raise MethodError(f"simulate: tol= does not choose steps for {system.sliders.labels[0]}; give dt= instead")
     run = under_tolerance(
         system, start, t_end, method, scheme, asked.tol, counters, asked.resume is not None, asked.observer
     )

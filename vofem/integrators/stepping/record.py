@@ -15,7 +15,7 @@ from vofem.integrators.stepped import interpolated
 from vofem.integrators.stepping.checks import check_contacts
 from vofem.integrators.stepping.kernel import Chunk
 from vofem.kernels.jit import jit
-from vofem.laws.law import END, FORCE, HISTORY, LOSS, START, STORED, Laws, ask, commit_laws
+from vofem.laws.law import FORCE, HISTORY, LOSS, START, STORED, Laws, ask, commit_laws
 from vofem.laws.moving import Moving
 from vofem.system import CLOSED, OPEN, ContactLaws
 
@@ -43,13 +43,15 @@ class Path:
         Work that springpots absorb over these steps, J, and their forces at the times, N.
     turns : ndarray of bool, shape (n_rows,)
         Whether a contact that acts closes or opens in these steps.
+    status : ndarray of int, shape (n_rows, n_sliders)
+        Of rigid sliders in these steps.
     out : ndarray, shape (n_rows, n)
         Accelerations at the times: `Chunk.a`, but for methods whose accelerations lag. Not where laws act by means.
     filled : int
         The last row that is known.
     """
 
-    def __init__(self, rows: int, n: int, laws: Laws, pots: int, lags: bool) -> None:
+    def __init__(self, rows: int, n: int, laws: Laws, pots: int, lags: bool, sliders: int = 0) -> None:
         m = laws.table.shape[0]
         q, v, a = np.zeros((3, rows, n))
         u, reaction, damper = np.zeros((3, rows, m))
@@ -59,12 +61,14 @@ class Path:
         self.t, self.dt, self.work, self.dissipated = np.zeros((4, rows))
         self.absorbed, self.pull = np.zeros((2, rows, pots))
         self.turns = np.zeros(rows, dtype=bool)
+        self.status = np.zeros((rows, sliders), dtype=np.int64)
         self.out = np.zeros((rows, n)) if lags else self.chunk.a
         self.filled = 0
 
     @property
     def _parts(self) -> tuple[NDArray[Any], ...]:
-        chunk = (*self.chunk, self.t, self.dt, self.work, self.dissipated, self.absorbed, self.pull, self.turns)
+        more = (self.t, self.dt, self.work, self.dissipated, self.absorbed, self.pull, self.turns, self.status)
+        chunk = (*self.chunk, *more)
         return chunk if self.out is self.chunk.a else (*chunk, self.out)
 
     def steps(self, count: int) -> Chunk:
@@ -388,8 +392,8 @@ def _along(laws: Laws, states: Array, u: Array, histories: Array) -> None:
         for i in range(laws.state.size):
             laws.state[i] = states[k, i]
         for j in range(laws.table.shape[0]):
-            if laws.table[j, END] > laws.table[j, START]:
-                i = laws.table[j, HISTORY]
+            i = laws.table[j, HISTORY]
+            if i >= 0:
                 histories[0, i, k] = ask(laws, j, FORCE, u[j, k], u[j, k])
                 histories[1, i, k] = ask(laws, j, STORED, u[j, k], u[j, k])
                 histories[2, i, k] = laws.state[laws.table[j, START]] + ask(laws, j, LOSS, u[j, k], u[j, k])

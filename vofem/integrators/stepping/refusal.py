@@ -13,10 +13,10 @@ def refusal(system: System) -> str | None:
 
 
 def _slides(system: System) -> str | None:
-    """Return why steps that conserve energy cannot treat the sliders; None where they can, and without any."""
+    """Return why steps cannot treat the sliders; None where they can, and without any."""
     if system.sliders is None:
         return None
-    from vofem.integrators.stepping.slide import refusal as of_sliders
+    from vofem.integrators.stepping.sliding import refusal as of_sliders
 
     return of_sliders(system.sliders, system)
 
@@ -34,16 +34,3 @@ def follows_the_force(system: System) -> str | None:
         f"{system.driven.label} with memory='printed' is Eq. 22, which the applied force drives; "
         f"{advice(system, special=True)} follows it, and methods that step in time take memory='cyclic'"
     )
-
-
-def refused_by_ends(system: System) -> str | None:
-    """Return why methods whose laws act by their forces at the ends of steps cannot treat the system, or None."""
-    travels = next((group.travelling for group in system.laws if group.travelling is not None), None)
-    if travels is not None:
-        return (
-            f"{travels} travels along a beam, and steps that conserve energy take its force by the mean over the step; "
-            f"choose {advice(conserves=True)}"
-        )
-    if system.sliders is not None:
-        return system.sliders.refusal("a method whose laws act by their forces at the ends of steps")
-    return refusal(system)

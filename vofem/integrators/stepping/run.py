@@ -1,40 +1,48 @@
-"""A run in time steps: bands, matrices of step sizes, loads, chunks of steps, checkpoints, and the solution."""
+"""A run in time steps: bands, matrices of step sizes, loads, chunks of steps, and checkpoints."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError, InstabilityError
-from vofem.integrators.base import Energies, ProbeRows, Samples, SpringSamples
+from vofem.integrators.base import ProbeRows, Samples
 from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.method import Method
-from vofem.integrators.observer import Observer, Snapshot, deferred_interrupts
 from vofem.integrators.registry import advice
 from vofem.integrators.rounding import static_loss
-from vofem.integrators.stepped import SteppedSolution
 from vofem.integrators.stepping.checks import check_times, contact_checks
-from vofem.integrators.stepping.energies import contact_energy, kinetic_energy, stored_energy, strain_energy
-from vofem.integrators.stepping.kernel import Equations, Numbers, Size, advance, work_space
-from vofem.integrators.stepping.quality import Checked, quality_notes
+from vofem.integrators.stepping.energies import kinetic_energy
+from vofem.integrators.stepping.kernel import (
+    ABSENT,
+    ACTS,
+    HOLDS,
+    PUSHES,
+    Equations,
+    Rules,
+    Size,
+    advance,
+    work_space,
+)  # fmt: skip
+from vofem.integrators.stepping.movement import Movement
 from vofem.integrators.stepping.record import Path, Record, Switches, hysteretic_energy
+from vofem.integrators.stepping.scheme import Forcing, Loaded, Scheme
 from vofem.integrators.stepping.step_loads import StepLoads
 from vofem.kernels.mode import compiled
 from vofem.laws import initial_status
 from vofem.laws.group import StepPast
-from vofem.laws.law import DAMPING, FEWEST_IN_BAND, LawSet, ask
+from vofem.laws.law import DAMPING, FEWEST_IN_BAND, STORED, LawSet, ask
 from vofem.laws.python import callbacks_of
 from vofem.laws.rows import Rows, all_rows, compressed
 from vofem.linalg.banded import band_order, band_width, factor, solve, subtract_product, to_band, widen
-from vofem.system import CLOSED, Counters, Events, State, System
+from vofem.system import CLOSED, Counters, State, System
 
 if TYPE_CHECKING:
-    from vofem.integrators.stepping.slide import Sliders
-    from vofem.integrators.stepping.travel import Midpoint, Travel
+    from vofem.integrators.stepping.sliding import Sliders
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -51,78 +59,11 @@ _PLAIN_WORK = 10_000
 #: Steps of one call at most.
 _MOST_STEPS = 8192
 
+#: Rows of a path for steps that are cut.
+_ROOM = 40
+
 #: Factored matrices of a method that are kept with a system: those of all step sizes that `tol` tries, and some more.
 _MOST_FACTORED = 48
-
-
-class Scheme(NamedTuple):
-    """The numbers that make the steps of `kernel` those of a method.
-
-    Attributes
-    ----------
-    alpha_m, alpha_f, gamma, beta : float
-    mean : bool
-        Whether laws act by their mean forces over a step, and not by those at its end.
-    """
-
-    alpha_m: float
-    alpha_f: float
-    gamma: float
-    beta: float
-    mean: bool = False
-
-    @property
-    def explicit(self) -> bool:
-        """Whether the displacement at the end of a step does not depend on forces there."""
-        return self.beta == 0.0
-
-    @property
-    def lags(self) -> bool:
-        """Whether the accelerations of the method belong to times before the ends of steps."""
-        return not self.mean and self.alpha_m != self.alpha_f
-
-    def numbers(self, dt: float) -> Numbers:
-        """Return the numbers of a step size in s."""
-        am, af, gamma, beta, mean = self
-        share = am / (1.0 - am)
-        return Numbers(
-            dt, 1.0 - af, 0.5 - beta - beta * share, beta / (1.0 - am), 1.0 - gamma - gamma * share,
-            gamma / (1.0 - am), am, mean, 0.0 if mean else 0.5 - af,
-        )  # fmt: skip
-
-
-class Forcing(NamedTuple):
-    """Loads over some steps: combinations of the vectors in `Loaded`.
-
-    Attributes
-    ----------
-    values, means : ndarray, shape (steps, 2 n_loads)
-        Of the loads and of what they move within steps: in the balance of a step, and over it.
-    first : ndarray, shape (steps, n_loads)
-        First moments over the steps, used where laws act by means.
-    """
-
-    values: Array
-    means: Array
-    first: Array
-
-
-class Loaded(NamedTuple):
-    """What loads do in steps of one size: a step's matrix and its answers to load vectors F.
-
-    Attributes
-    ----------
-    size : Size
-    loads : ndarray, shape (2 n_loads, n)
-        F and ``K A^-1 F``.
-    shift, inertia : ndarray, shape (n_loads, n)
-        ``dt A^-1 F`` and M times it.
-    """
-
-    size: Size
-    loads: Array
-    shift: Array
-    inertia: Array
 
 
 class Run:
@@ -162,33 +103,28 @@ class Run:
         self.over = StepLoads(system, counters)
         self.over.until = t_end
         self.callbacks = callbacks_of(system.laws)
-        every_row = all_rows([group for group in system.laws if group is not system.sliders])
+        every_row = all_rows(system.laws)
         rows = compressed(every_row, order)
         self.rows = None if every_row is None else every_row[:, order].tocsr()
         q, v = start.q[order], start.v[order]
         u = np.zeros(0) if self.rows is None else np.asarray(self.rows @ q)
-        self.moving = None if system.contacts is None else system.contacts.moving
-        if self.moving is not None:
-            self.moving = self.moving.ordered(order)
-            u[: self.moving.weights.shape[0]] += self.moving.at(0.0)
-        self.travel: Travel | None = None
-        if any(group.travelling is not None for group in system.laws):
-            from vofem.integrators.stepping.travel import begin_ties, travel_of
-
+        self.movement: Movement | None = None
+        if any(group.moving is not None for group in system.laws):
             assert self.rows is not None
-            self.travel = travel_of(system.laws, self.rows.toarray(), order)
-            begin_ties(self.travel, q, v)
+            now, self.movement = np.zeros(1), Movement(system.laws, self.rows, order)
+            self.movement.begin_ties(q, v)
             self.start = State(q[self.back], v[self.back], start.internal)
-            at_start, offsets, present = (part[0] for part in self.travel.rows(np.zeros(1)))
-            u = np.where(present, at_start @ q + offsets, self.travel.away)
-        self.sliders: Sliders | None = None
-        if system.sliders is not None:
-            from vofem.integrators.stepping.slide import Sliders
-
-            ordinary = np.empty((0, system.size)) if self.rows is None else self.rows.toarray()
-            self.sliders = Sliders(system, ordinary, order, q, v)
+            u = self.movement.along(q[None, :], now)[0] + self.movement.offsets(now)[0, 0]
+            u = np.where(self.movement.present(now)[0], u, self.movement.away)
         self.laws = LawSet(system.laws, self.callbacks)
         self.laws.load(u, start.internal)
+        self.sliders: Sliders | None = None
+        if system.sliders is not None:
+            from vofem.integrators.stepping.sliding import Sliders
+
+            self.sliders = Sliders(system, self.laws, self.rows, q, v)
+        self.travels = self.movement is not None and self.movement.travels
+        self.special = self.travels or (self.sliders is not None and self.sliders.special)
         laws = self.laws.records
         damping = np.empty((0, system.size)) if self.damping is None else to_band(self.damping, order)
         self.equations = Equations(
@@ -196,6 +132,10 @@ class Run:
         )  # fmt: skip
         self._lossy = None if self.damping is None else self.damping[order][:, order].tocsr()
         self.dampers = any(law.damped for law in self.laws.laws)
+        self.dissipating: IntArray | None = None
+        if self.travels:
+            counted = [np.full(len(group), not group.recorded) for group in system.laws]
+            self.dissipating = np.flatnonzero(np.concatenate(counted))
         self.past: StepPast | None = None
         for group in system.laws:
             past = group.past_in_steps(system.first_of(group), shortest, longest)
@@ -204,14 +144,14 @@ class Run:
                 counters.history_terms = max(counters.history_terms, past.terms)
                 self.past = past
         pots = 0 if self.past is None else self.past.count
-        self.path = Path(room + 2, system.size, laws, pots, scheme.lags)
+        sliders = 0 if self.sliders is None else len(self.sliders.laws)
+        self.path = Path(room + 2, system.size, laws, pots, scheme.lags, sliders)
         status = np.empty(0, dtype=np.int64)
         if system.contacts is not None:
             status = initial_status(system.contacts, start.q, start.v)
         self.initial = status
         self.switches = Switches(system.contacts, self.rows, status)
         self.sizes: dict[float, Loaded] = {}
-        self._midpoints: dict[float, Midpoint] = {}
         chunk = self.path.chunk
         chunk.q[0], chunk.v[0], chunk.u[0], chunk.past[0] = q, v, u, laws.state
         self.kick, self.load = np.zeros(0), np.zeros(system.size)
@@ -221,9 +161,12 @@ class Run:
     def size(self, dt: float) -> Loaded:
         """Return the matrix of a step size in s, and its answers to loads."""
         if dt not in self.sizes:
+            if len(self.sizes) > _MOST_FACTORED:
+                # Steps that are cut have many sizes.
+                del self.sizes[next(iter(self.sizes))]
             size = self.system.cache.get(
-                "matrix of a step", (dt, self.scheme, self.travel is None), lambda: self._size(dt), _MOST_FACTORED
-            )
+                "matrix of a step", (dt, self.scheme), lambda: self._size(dt), _MOST_FACTORED
+            )  # fmt: skip
             mass, stiffness = self.equations[:2]
             moved = self.vectors.copy()
             for answer in moved:
@@ -243,9 +186,9 @@ class Run:
         self.counters.factorizations += 1
         factored = factor(a, "the mass matrix" if self.scheme.explicit else "the matrix of a step")
         width = max(width, *(_spread(rows, j) for j in range(m))) if m else width
-        if m == 0 or self.travel is not None or self.sliders is not None:
-            return Size(numbers, factored, None, None)
-        if _band_pays(self.laws, self.system.size, width):
+        if m == 0 or self.travels:
+            return Size(numbers, factored, None if m == 0 else np.zeros((0, 0)), None)
+        if not self.special and _band_pays(self.laws, self.system.size, width):
             return Size(numbers, factored, None, widen(a, width))
         assert self.rows is not None
         dense = self.rows.toarray()
@@ -260,7 +203,7 @@ class Run:
     def moments(self, moments: Array, dt: float) -> Forcing:
         """Return the loads of steps of one size by their moments, shape (3, n_loads, steps)."""
         means = np.concatenate([moments[0], -0.5 * dt**2 * moments[2]]).T
-        return Forcing(means, means, moments[1].T)
+        return Forcing(means, means, moments[1].T if self.sliders is None else np.zeros(moments[1].T.shape))
 
     def _acting(self, values: Array) -> int:
         """Return how many of the vectors in `Loaded.loads` act: slow loads move nothing within steps."""
@@ -276,10 +219,7 @@ class Run:
         chunk.pots[0, :, 0] = self.path.pull[0] = pots
         if scheme.mean:
             return
-        u = chunk.u[0]
-        rate = np.zeros(0) if self.rows is None else np.asarray(self.rows @ chunk.v[0])
-        if self.moving is not None:
-            rate[: self.moving.weights.shape[0]] += self.moving.rate(0.0)
+        u, rate = chunk.u[0], self.rates(0)
         reaction = np.array([float(self.laws.force(j, u[[j]])[0]) for j in range(u.size)])
         if scheme.explicit:
             force = self.over.nodal(0, 1, dt)
@@ -295,17 +235,94 @@ class Run:
             reaction = reaction + chunk.damper[0]
         if self.past is not None:
             reaction[self.past.row : self.past.row + self.past.count] = pots
-        a = load.copy() if load.size else np.zeros(system.size)
-        subtract_product(self.equations.stiffness, chunk.q[0], a)
-        if self._lossy is not None:
-            subtract_product(self.equations.damping, chunk.v[0], a)
-        if self.rows is not None:
-            a -= self.rows.T @ reaction
-        solve(factor(self.equations.mass, "the mass matrix"), a)
-        chunk.a[0] = self.path.out[0] = a
+        self._accelerate(self.path, 0, 0.0, dt, load if load.size else np.zeros(system.size), reaction)
         chunk.reaction[0] = reaction if scheme.explicit else reaction - chunk.damper[0]
         if self.past is not None and not scheme.explicit:
             chunk.reaction[0, self.past.row : self.past.row + self.past.count] = 0.0
+
+    def restart(self, path: Path, t: float, dt: float, forcing: Forcing) -> None:
+        """Find forces and acceleration anew after the last step of a path, where forces jump at a time in s.
+
+        Laws that act by their mean forces do not need them.
+        """
+        if self.scheme.mean:
+            return
+        row = path.filled
+        u, rate = path.chunk.u[row], self.rates(row)
+        self.laws.state[:] = path.chunk.past[row]
+        reaction = np.array([float(self.laws.force(j, u[[j]])[0]) for j in range(u.size)])
+        damper = self._start_dampers(u, rate)
+        load = forcing.values[-1, : self.vectors.shape[0]] @ self.vectors + np.zeros(self.system.size)
+        reaction += damper
+        self._accelerate(path, row, t, dt, load, reaction)
+        path.chunk.damper[row] = damper
+        path.chunk.reaction[row] = reaction if self.scheme.explicit else reaction - damper
+
+    def rates(self, row: int) -> Array:
+        """Return the rates of the laws' coordinates at a row of the path, shape (m,)."""
+        v, q, t = self.path.chunk.v[row], self.path.chunk.q[row], self.path.t[row : row + 1]
+        if self.rows is None:
+            return np.zeros(0)
+        if self.movement is not None:
+            return self.movement.rates(q[None, :], v[None, :], t)[0]
+        return np.asarray(self.rows @ v)
+
+    def _accelerate(self, path: Path, row: int, t: float, dt: float, load: Array, reaction: Array) -> None:
+        """Find the acceleration at a row of a path, at a time in s, for the forces of laws; steps of dt in s follow.
+
+        Forces of rows that hold, or push, are found here and entered.
+        """
+        chunk, mass = path.chunk, factor(self.equations.mass, "the mass matrix")
+        a = load.copy()
+        subtract_product(self.equations.stiffness, chunk.q[row], a)
+        if self._lossy is not None:
+            subtract_product(self.equations.damping, chunk.v[row], a)
+        if self.special:
+            a = self._constrained(path, row, t + dt * np.arange(3.0), mass, a, reaction)
+        else:
+            if self.rows is not None:
+                a -= self.rows.T @ reaction
+            solve(mass, a)
+        chunk.a[row] = path.out[row] = a
+
+    def _constrained(self, path: Path, row: int, times: Array, mass: Array, right: Array, reaction: Array) -> Array:
+        """Return the acceleration at a row of a path that brings rows that hold to their places at the second time.
+
+        Sliders whose force would be beyond the limit slide instead.
+        """
+        assert self.rows is not None
+        chunk, dt = path.chunk, float(times[1] - times[0])
+        now = later = self.rows.toarray()
+        if self.movement is not None:
+            now, later = self.movement.matrix(times[:2]).toarray().reshape(2, *now.shape)
+        status = np.empty(0, dtype=np.int64) if self.sliders is None else self.sliders.now.status.copy()
+        drift, answers = self._drift(path, row, times), now.copy()
+        for answer in answers:
+            solve(mass, answer)
+        while True:
+            rules = self._rules(times, status)
+            kind, push = rules.kind[0], rules.push[0]
+            pressed = np.where(rules.pressing >= 0, np.maximum(reaction[np.maximum(rules.pressing, 0)], 0.0), 1.0)
+            reaction[kind == PUSHES] = (push * pressed)[kind == PUSHES]
+            held = np.flatnonzero(kind == HOLDS)
+            reaction[held] = reaction[kind == ABSENT] = 0.0
+            a = right - reaction @ now
+            solve(mass, a)
+            anchored = rules.anchored[held]
+            place = later @ (dt * chunk.v[row] + 0.5 * dt**2 * a) + drift[0, 1]
+            place = place[held] + np.where(anchored, -drift[0, 0, held], later[held] @ chunk.q[row])
+            if held.size:
+                forces = np.linalg.solve(0.5 * dt**2 * (later[held] @ answers[held].T), place)
+                a -= forces @ answers[held]
+                reaction[held] = forces
+            if self.sliders is None:
+                return a
+            bound = self.sliders.static * self.sliders.normals(times[:1], None)[0] * pressed[self.sliders.rows]
+            force = reaction[self.sliders.rows]
+            over = self.sliders.rigid & (status == 0) & (np.abs(force) > bound * (1.0 + 1e-9))
+            if not np.any(over):
+                return a
+            status = np.where(over, np.sign(force), status).astype(np.int64)
 
     def _begin_explicit(self, reaction: Array, damper: Array, rate: Array) -> None:
         """Enter the forces of contacts at t = 0, which follow their status there, and those of their dampers."""
@@ -348,6 +365,20 @@ class Run:
         solves : int
             Negative where there is no solution; `taken` is the number of steps before that.
         """
+        if self.sliders is None or not self.sliders.chosen:
+            return self.advanced(path, dt, t, forcing, pots)
+        first, self.taken = path.filled, 0
+        for k, end in enumerate(t.tolist()):
+            if not self.sliders.whole(self, path, dt, end, forcing.at(k)):
+                break
+            self.taken, path.filled = k + 1, path.filled + 1
+        path.filled = first
+        return self.taken if self.taken == t.size else -1
+
+    def advanced(
+        self, path: Path, dt: float, t: Array, forcing: Forcing, pots: Any, status: IntArray | None = None
+    ) -> int:  # fmt: skip
+        """Take steps as `steps` does, with the statuses of sliders, shape (k,), where they are given."""
         known, values, n = self.size(dt), forcing.values, self.system.size
         force = shift = np.empty((0, n))
         if self.vectors.size:
@@ -355,47 +386,59 @@ class Run:
             force = values[:, :count] @ known.loads[:count]
             if self.scheme.mean and np.any(forcing.first):
                 shift = forcing.first @ known.shift
-        chunk, size = path.steps(t.size), known.size
-        if self.sliders is not None:
-            from vofem.integrators.stepping.slide import advance_sliding
-
-            self.taken, solves, self.driven, self.rubbed = advance_sliding(
-                self.sliders, self._midpoint(dt), self.equations.laws, np.append(t[0] - dt, t), force, chunk
-            )
-            return -1 if self.taken < t.size else solves
-        if self.travel is not None:
-            from vofem.integrators.stepping.travel import advance_travelling
-
-            self.taken, solves, self.driven = advance_travelling(
-                self.travel, self._midpoint(dt), self.equations.laws, np.append(t[0] - dt, t), force, shift,
-                path.chunk.a[max(path.filled - 1, 0)], chunk,
-            )  # fmt: skip
-            return -1 if self.taken < t.size else solves
+        chunk, size, times = path.steps(t.size), known.size, np.append(t[0] - dt, t)
+        equations, drift, rules = self.equations, None, None
+        if self.movement is not None or (self.sliders is not None and self.sliders.belts) or self.special:
+            ahead = np.append(times, t[-1] + dt)
+            drift = self._drift(path, path.filled, ahead)
+            if self.special:
+                rules = self._rules(ahead, status)
+            if self.travels:
+                assert self.movement is not None
+                assert rules is not None
+                rows, rates = self.movement.rows(ahead)
+                equations, rules = equations._replace(rows=rows), rules._replace(rates=rates)
         self.taken, solves = advance(
-            self.equations, size.numbers, size.factored, size.compliance, size.band, self.dampers, pots,
-            self._drift(np.append(t[0] - dt, t)), force, shift, path.chunk.a[max(path.filled - 1, 0)], chunk,
-            self._work(size),
+            equations, size.numbers, size.factored, size.compliance, size.band, self.dampers, pots, drift, rules, force,
+            shift, path.chunk.a[max(path.filled - 1, 0)], chunk, self._work(size),
         )  # fmt: skip
         if self.callbacks is not None:
             self.callbacks.complain(dt)
         return -1 if self.taken < t.size else solves
 
-    def _midpoint(self, dt: float) -> Midpoint:
-        """Return the matrices of steps of a size in s where something travels."""
-        if dt not in self._midpoints:
-            from vofem.integrators.stepping.travel import midpoint
-
-            self._midpoints[dt] = midpoint(self.system, self.damping, self.order, dt)
-        return self._midpoints[dt]
-
-    def _drift(self, times: Array) -> Array | None:
-        """Return offsets of the laws' coordinates at times, m, and their rates, (2, n_times, n_laws); None if zero."""
-        if self.moving is None:
-            return None
+    def _drift(self, path: Path, row: int, times: Array) -> Array:
+        """Return offsets of the laws' coordinates at times, m, and their rates, (2, n_times, m), on from a row."""
         drift = np.zeros((2, times.size, len(self.laws)))
-        contacts = slice(self.moving.weights.shape[0])
-        drift[0, :, contacts], drift[1, :, contacts] = self.moving.at(times).T, self.moving.rate(times).T
+        if self.movement is not None:
+            drift = self.movement.offsets(times)
+        if self.sliders is not None and self.sliders.belts:
+            mine, sliders = self.sliders.rows, self.sliders
+            drift[0, :, mine] = path.chunk.u[row, mine] - sliders.matrix @ path.chunk.q[row]
+            drift[0, 1:, mine] -= np.cumsum(sliders.ways(times), axis=0)
+            drift[1, :, mine] = -np.array([sliders.speeds(float(t)) for t in times])
         return drift
+
+    def _rules(self, times: Array, status: IntArray | None) -> Rules:
+        """Return what rows do in steps between all times but the last one, which is a step ahead."""
+        m, steps, scheme = len(self.laws), times.size - 2, self.scheme
+        kind, push = np.full((steps, m), ACTS), np.zeros((steps, m))
+        present, away = np.ones((steps + 1, m), dtype=bool), np.zeros(m)
+        anchored, springs = np.zeros((2, m), dtype=bool)
+        pressing, normal = np.full(m, -1), np.zeros((steps + 1, m))
+        if self.movement is not None:
+            present, away = self.movement.present(times[:-1]), self.movement.away
+            kind[:, self.movement.tied] = HOLDS
+            kind[~(present[1:] & present[:-1])] = ABSENT
+        if self.sliders is not None:
+            mine, sliders = self.sliders.rows, self.sliders
+            status = sliders.now.status if status is None else status
+            kind[:, mine], push[:, mine] = sliders.kinds(status, sliders.normals(times[:-1], scheme.part))
+            anchored[mine], pressing[mine], normal[:, mine] = True, sliders.pressing, sliders.normals(times[:-1], None)
+            springs[mine] = ~sliders.rigid & sliders.varying
+        return Rules(
+            m if self.travels else 0, self.equations.rows, kind, present, away, anchored, push, pressing, springs,
+            normal,
+        )  # fmt: skip
 
     def _work(self, size: Size) -> Any:
         """Return work space."""
@@ -412,13 +455,9 @@ class Run:
         rows = slice(first + 1, first + count + 1)
         way = u[1:] - u[:-1]
         path.work[rows], path.dissipated[rows] = 0.0, 0.0
-        if self.sliders is not None:
-            # Steps that are cut have several mean velocities; energies were found with these.
-            path.work[rows], path.dissipated[rows] = self.driven[:count], self.rubbed[:count]
-            path.filled += count
-            self.switches.step_on(path, count, self.t_end)
-            return
-        if self.vectors.size and scheme.mean:
+        # Velocities jump where sliding ends, after the step.
+        rate = 0.5 * (v[1:] + v[:-1]) if self.sliders is None else v[:-1] + 0.5 * dt * a[1:]
+        if self.vectors.size and scheme.mean and self.sliders is None:
             along = v @ known.loads.T
             along = 0.5 * (along[1:] + along[:-1])
             if np.any(forcing.first):
@@ -429,23 +468,12 @@ class Run:
             acting = self._acting(forcing.means)
             along = q @ known.loads[:acting].T
             path.work[rows] = np.einsum("ke,ke->k", along[1:] - along[:-1], forcing.means[:, :acting])
-        if self.travel is not None:
-            # What drives a point along the beam, and what moves a stop, does work against its force.
-            path.work[rows] += self.driven[:count]
-        elif self.moving is not None:
-            # What moves a stop does work against its force.
-            contacts = slice(self.moving.weights.shape[0])
-            force = reaction[:, contacts]
-            mean = force[1:] if scheme.mean else 0.5 * (force[1:] + force[:-1])
-            if not scheme.mean and not scheme.explicit:
-                mean = mean + damper[1:, contacts]
-            moved = np.diff(self.moving.at(np.append(t[0] - dt, t)).T, axis=0)
-            path.work[rows] += np.einsum("kj,kj->k", mean, moved)
+        if self.movement is not None or self.sliders is not None:
+            path.work[rows] += self._driven(path, dt, t)
         if self._lossy is not None:
             if scheme.mean:
-                rate = 0.5 * (v[1:] + v[:-1])
                 if np.any(forcing.first):
-                    rate -= forcing.first @ known.shift
+                    rate = rate - forcing.first @ known.shift
                 path.dissipated[rows] = dt * np.einsum("ki,ki->k", rate, (self._lossy @ rate.T).T)
             else:
                 pull = (self._lossy @ v.T).T
@@ -456,10 +484,14 @@ class Run:
                 else:
                     path.dissipated[rows] = power[1:] + power[:-1]
         if self.dampers:
-            own = slice(self.initial.size) if self.travel is None else self.travel.dissipating
+            own = slice(self.initial.size) if self.dissipating is None else self.dissipating
             damper = damper[:, own]
             mean = 0.5 * (damper[1:] + damper[:-1]) if scheme.explicit else damper[1:]
             path.dissipated[rows] += np.einsum("kj,kj->k", mean, way[:, own])
+        if self.sliders is not None:
+            lost, jumps = self.sliders.enter(path, first, count, scheme.mean)
+            path.dissipated[rows] += lost
+            path.work[first + 1] += jumps
         if self.past is not None:
             mine = slice(self.past.row, self.past.row + self.past.count)
             mean = 0.5 * (reaction[1:, mine] + reaction[:-1, mine]) if scheme.explicit else pots[1:, :, 0]
@@ -471,6 +503,39 @@ class Run:
             out += a[1:]
         path.filled += count
         self.switches.step_on(path, count, self.t_end)
+
+    def _driven(self, path: Path, dt: float, t: Array) -> Array:
+        """Return the work in J over steps of what moves stops, points and belts, by their ends in s."""
+        rows, times = slice(path.filled, path.filled + t.size + 1), np.append(t[0] - dt, t)
+        q, u, reaction, damper = (
+            part[rows] for part in (path.chunk.q, path.chunk.u, path.chunk.reaction, path.chunk.damper)
+        )  # fmt: skip
+        mine, acts = slice(None), np.ones((t.size, u.shape[1]), dtype=bool)
+        if self.movement is not None and not self.special and self.sliders is None:
+            mine = slice(self.initial.size)
+        mean = reaction[1:] if self.scheme.mean else 0.5 * (reaction[1:] + reaction[:-1])
+        if not self.scheme.mean and not self.scheme.explicit:
+            mean = mean + damper[1:]
+        moved = np.diff(self._drift(path, path.filled, times)[0], axis=0)
+        if self.special and not self.scheme.mean:
+            # Rows that hold or push act at the time of balance.
+            beside = self._rules(np.append(times, t[-1] + dt), None).kind[0] != ACTS
+            mean = np.where(beside, reaction[1:], mean)
+        if not self.travels:
+            return np.einsum("kj,kj->k", mean[:, mine], moved[:, mine])
+        assert self.movement is not None
+        present = self.movement.present(times)
+        acts = present[1:] & present[:-1]
+        way, half = np.diff(q, axis=0), 0.5
+        along = half * (self.movement.along(way, times[:-1]) + self.movement.along(way, times[1:]))
+        moved = np.where(acts, np.diff(u, axis=0) - along, 0.0)
+        work = np.einsum("kj,kj->k", mean, moved)
+        laws = self.equations.laws
+        for k, j in np.argwhere(present[1:] ^ present[:-1]).tolist():
+            # What a law stores when its point leaves the beam is lost to it.
+            ends = [float(u[i, j]) for i in (k, k + 1)]
+            work[k] += ask(laws, j, STORED, ends[1], ends[1]) - ask(laws, j, STORED, ends[0], ends[0])
+        return np.asarray(work)
 
     def take(self, out: Record) -> None:
         """Record the states of the path that are complete."""
@@ -534,12 +599,11 @@ class Run:
         """
         absorbed = float(np.sum(out.total[2:]))
         chunk = self.path.chunk
-        if self.sliders is not None:
-            return float(self.sliders.history(0.0).stored(np.array([self.reached()]))[0]), 0.0
-        if not self.laws.state.size:
-            return 0.0, absorbed
+        elastic = 0.0 if self.sliders is None else float(self.sliders.stored(chunk.past[:1])[0].sum())
+        if not self.system.histories or not self.laws.state.size:
+            return elastic, absorbed
         energy, loss = hysteretic_energy(self.equations.laws, chunk.past[0], chunk.u[0])
-        return energy, loss + absorbed
+        return elastic + energy, loss + absorbed
 
     def blown_up(self, energy: str, dt: float) -> InstabilityError:
         """Return the error of a run whose energy in J is more than the loads can have supplied."""
@@ -575,7 +639,7 @@ class Run:
             further, table = check_times(t_end, self.dt, system.size), contact_checks(system.contacts)
         return Record(
             times, further, system.size, self.equations.laws, system.histories, self.path.pull.shape[1], table, probes,
-            self.rows, self.order, self.moving,
+            self.rows, self.order, None if self.movement is None else self.movement.of_contacts,
         )  # fmt: skip
 
     def saved(self) -> dict[str, Any]:
@@ -625,7 +689,8 @@ class EqualSteps(Run):
         beyond = 1 if scheme.mean else 0
         self.dt, self.steps_in_all, self.done = dt, steps + beyond, 0
         self.nodes: Array | None = None
-        room, longest = min(self._most, steps + beyond), (steps + beyond + scheme.explicit) * dt
+        room = min(self._most, steps + beyond) + (_ROOM if system.sliders is not None else 0)
+        longest = (steps + beyond + scheme.explicit) * dt
         super().__init__(system, start, counters, t_end, method, scheme, room, dt, longest)
         self.begin(dt)
 
@@ -659,11 +724,15 @@ class EqualSteps(Run):
             forcing = Forcing(values, means, np.empty((0, self.vectors.shape[0])))
             self.nodes = nodes[-1]
         with self.kicked(path):
-            solves = self.steps(path, dt, t, forcing, pots)
-            if self.taken:
-                self.enter(path, dt, t[: self.taken], Forcing(*(part[: self.taken] for part in forcing)))
-                if scheme.explicit:
-                    self.load = nodes[self.taken] @ self.size(dt).loads
+            if self.sliders is not None and self.sliders.chosen:
+                solves = self.taken = self.sliders.steps(self, path, t, forcing)
+                solves = -1 if self.sliders.lost else solves
+            else:
+                solves = self.steps(path, dt, t, forcing, pots)
+                if self.taken:
+                    self.enter(path, dt, t[: self.taken], Forcing(*(part[: self.taken] for part in forcing)))
+        if self.taken and scheme.explicit:
+            self.load = nodes[self.taken] @ self.size(dt).loads
         self.done += self.taken
         self.take(out)
         self.solves += max(solves, 0)
@@ -699,120 +768,6 @@ class EqualSteps(Run):
             # The work of the impulse is what the kinetic energy gains.
             gain = _products(self.equations.mass, self.kick[None, :])[0]
             path.work[0] = float(gain @ (v + 0.5 * self.kick))
-
-
-def march(
-    run: Run, out: Record, notes: list[str], dt: float, *, first_energy: float, blow_up: float,
-    observer: Observer | None, resume: Snapshot | None, probes: ProbeRows | None,
-) -> SteppedSolution:  # fmt: skip
-    """Run to the end, or until interrupted, and return the solution.
-
-    Parameters
-    ----------
-    run : Run
-    out : Record
-    notes : list of str
-    dt : float
-        Size of a step, s.
-    first_energy : float
-        At t = 0, in the method's own form and without hysteretic springs, J.
-    blow_up : float
-        Energy that no load has supplied, over the largest energy, that ends a run.
-    observer : callable, optional
-    resume : dict, optional
-        A snapshot of the same run, from which to go on.
-    probes : ProbeRows, optional
-        Points that are recorded at every step.
-
-    Raises
-    ------
-    InstabilityError
-        If energy grows beyond what the loads can have done, or a state is no longer finite.
-    """
-    system, counters, start, t_end = run.system, run.counters, run.start, run.t_end
-    in_springs = run.in_springs(out)[0]
-    energy = stored_energy(system, start.q, start.v) + in_springs
-    log, missing, wanted_end = list[Array](), (0.0, 0.0), t_end
-    if resume is not None:
-        run.restore(resume["run"])
-        out.restore(resume["record"])
-        vars(counters).update(vars(resume["counters"]))
-        notes[:], log, missing = resume["notes"], [resume["log"]], tuple(resume["missing"])
-
-    def snapshot() -> Snapshot:
-        return {
-            "run": run.saved(), "record": out.saved(), "counters": counters, "notes": list(notes),
-            "log": np.concatenate([np.empty((0, 3)), *log]), "missing": list(missing),
-        }  # fmt: skip
-
-    with deferred_interrupts() as interrupted:
-        while not run.finished:
-            run.advance(out)
-            log += run.switches.log
-            run.switches.log = []
-            excess = _check(run, out, energy, dt, blow_up)
-            if run.method.conserves and abs(excess) > abs(missing[0]):
-                missing = excess, run.reached()
-            stop = interrupted() and not run.finished
-            if observer is not None:
-                observer(run.reached(), snapshot, stop)
-            if stop:
-                kept = np.flatnonzero(out.wanted[: out.cursor])
-                if not kept.size:
-                    raise KeyboardInterrupt
-                notes.append(
-                    f"interrupted at t = {run.reached():g} s of {t_end:g} s: what was computed until then is here"
-                )
-                t_end = float(out.times[kept[-1]])
-                break
-    time, which, entered = np.concatenate([np.empty((0, 3)), *log]).T
-    events = Events(time.copy(), which.astype(np.int64), entered.astype(np.int64), run.initial)
-    counters.events = events.time.size
-    first_energy += in_springs
-    done = np.arange(out.cursor)
-    checked = done[np.isin(out.times[done], check_times(wanted_end, run.dt, system.size))]
-    times, samples, parts, _ = _outcome(run, out, checked)
-    found = Checked(times, samples, parts, out.contact_checks, missing)
-    notes += quality_notes(system, run.method, found, events, first_energy, run.dt, wanted_end)
-    points = None if probes is None else out.probe_samples(wanted_end * (1.0 + 1e-12))
-    times, samples, parts, springs = _outcome(run, out, done[out.wanted[done]])
-    return SteppedSolution(
-        system, t_end, times, samples, parts, first_energy, dt, events, counters, notes, springs, points,
-        None if run.sliders is None else run.sliders.history(t_end),
-    )  # fmt: skip
-
-
-def _outcome(run: Run, out: Record, rows: IntArray) -> tuple[Array, Samples, Energies, SpringSamples | None]:
-    """Return times, states, energies and hysteretic springs at some of the stored times."""
-    system = run.system
-    samples = Samples(*(np.ascontiguousarray(part[rows].T[run.back]) for part in (out.q, out.v, out.a)))
-    strain, dissipated, springs = strain_energy(system, samples.q, out.times[rows]), out.dissipated[rows], None
-    if system.recorded:
-        force, energy, loss = out.histories[:, :, rows]
-        springs = SpringSamples(force, energy, loss, out.past)
-        strain = strain + springs.stored.sum(axis=0)
-        dissipated = dissipated + springs.dissipated.sum(axis=0)
-    if run.sliders is not None:
-        strain = strain + run.sliders.history(0.0).stored(out.times[rows])
-    contact = contact_energy(system.contacts, samples.q, out.times[rows])
-    return (
-        out.times[rows],
-        samples,
-        Energies(run.kinetic(samples), strain, contact, dissipated, out.work[rows]),
-        springs,
-    )
-
-
-def _check(run: Run, out: Record, first: float, dt: float, blow_up: float) -> float:
-    """Return the error in J of the balance of energy at the time reached; raise if it shows that the run blew up."""
-    (in_springs, loss), chunk = run.in_springs(out), run.path.chunk
-    now = stored_energy(run.system, chunk.q[0][run.back], chunk.v[0][run.back], run.reached()) + in_springs
-    work, dissipated = float(out.total[0]), float(out.total[1]) + loss
-    scale = abs(first) + out.most + abs(loss) + run.uncounted()
-    excess = now - first - work + dissipated
-    if not excess <= blow_up * scale + 1e-300:
-        raise run.blown_up(f"{now:.3g} J, from {first:.3g} J at the start and {work:.3g} J of work", dt)
-    return excess
 
 
 def _order(system: System, matrices: list[Any]) -> IntArray:

@@ -24,7 +24,8 @@ from vofem.integrators.observer import Observer
 from vofem.integrators.registry import advice
 from vofem.integrators.stepping.checks import check_times
 from vofem.integrators.stepping.record import Path, Record
-from vofem.integrators.stepping.run import EqualSteps, Forcing, Run, Scheme
+from vofem.integrators.stepping.run import EqualSteps, Run
+from vofem.integrators.stepping.scheme import Forcing, Scheme
 from vofem.integrators.stepping.step_loads import of_halves
 from vofem.integrators.stepping.step_size import HALVINGS, StepSizeControl
 from vofem.linalg.banded import solve, subtract_product
@@ -47,6 +48,9 @@ _COARSER = 4.0
 
 #: Difference between both, over the tolerance, above which a note reports it.
 _APART = 5.0
+
+#: Size of a step over the shortest time of a load, up to which it may be where a slider sticks.
+_FOLLOWED = 0.25
 
 #: Largest displacement, over the one that errors were related to, below which the latter was too large.
 _OVERSIZED = 0.5
@@ -88,12 +92,15 @@ class StepDoubling(StepSizeControl, Run):
             system, start, counters, t_end, method, scheme, 2 * _CHUNK + 2, self.tick, t_end + 2.0 * self.largest
         )
         self.bends = np.array([self.laws.turns(j) for j in range(len(self.laws))], dtype=bool)
-        self.aside = Path(2, system.size, self.equations.laws, self.path.pull.shape[1], scheme.lags)
+        self.aside = Path(
+            2, system.size, self.equations.laws, self.path.pull.shape[1], scheme.lags, self.path.status.shape[1]
+        )  # fmt: skip
         self.weight = system.scale[self.order]
         self.period = self.over.period(t_end)
         self.steps_taken, self.coarsest, self.beyond, self.fineness = 0, 0.0, False, fineness
         self.farthest, self.last, self.gain = 0.0, 0.0, np.zeros(system.size)
         self.means = np.zeros(2 * self.vectors.shape[0])
+        self.follows = _FOLLOWED * min((load.function.shortest(t_end) for load in system.loads), default=np.inf)
         self.coarser = np.empty((0, 0))
 
     def largest_of(self, displacement: Array) -> float:
@@ -128,6 +135,7 @@ class StepDoubling(StepSizeControl, Run):
                 if not self.scheme.mean:
                     self.means[: self.at_start.size] = self.at_start
             known = path.chunk.a[row].copy(), None if past is None else past.y.copy()
+            held = None if self.sliders is None else (self.sliders.now, len(self.sliders.turns))
             tried = self.attempt(t, dt)
             if tried.solves < 0 and self.at_smallest:
                 raise ConvergenceError(
@@ -138,6 +146,8 @@ class StepDoubling(StepSizeControl, Run):
                 break
             self.counters.rejected += 1
             path.chunk.a[row] = known[0]
+            if held is not None and self.sliders is not None:
+                self.sliders.back_to(*held)
             if past is not None:
                 past.y[:] = known[1]
         assert tried.halves is not None
@@ -166,7 +176,8 @@ class StepDoubling(StepSizeControl, Run):
             moved = fluctuations @ np.abs(half * self.size(half).shift)
             between = float(np.max(self.weight * moved, initial=0.0)) / self.whole
         whole, halves = self._loads(moments[:, :, :1], dt), self._loads(moments[:, :, 1:], half)
-        row, solves = path.filled, 0
+        row, solves, sliders = path.filled, 0, self.sliders
+        held = None if sliders is None else (sliders.now, len(sliders.turns))
         for mine, other in zip(aside.chunk, path.chunk, strict=True):
             mine[0] = other[row]
         for onto, size, forcing, ends in ((aside, dt, whole, [t + dt]), (path, half, halves, [t + half, t + dt])):
@@ -175,6 +186,8 @@ class StepDoubling(StepSizeControl, Run):
                 shift = (scheme.alpha_f - scheme.alpha_m) * (1.0 - size / self.last)
                 onto.chunk.a[onto.filled] += shift * self.gain
             pots = None
+            if sliders is not None and held is not None:
+                sliders.back_to(*held)
             if self.past is not None:
                 self.past.y[:] = y
                 middles = np.array(ends) - 0.5 * size
@@ -183,7 +196,12 @@ class StepDoubling(StepSizeControl, Run):
             if more < 0:
                 return Attempt(-1)
             solves += more
-        return Attempt(solves, max(self._ratio(dt, whole, halves), between), halves)
+        ratio = max(self._ratio(dt, whole, halves), between)
+        if sliders is not None:
+            # A slider that sticks makes no error, however long the step: loads are followed, and the limit is watched.
+            late = sliders.late(self, path, half)
+            ratio = max(ratio, late / (self.whole * dt / self.t_end), dt / self.follows if sliders.sticks() else 0.0)
+        return Attempt(solves, ratio, halves)
 
     def _loads(self, moments: Array, dt: float) -> Forcing:
         """Return the loads of the next steps of one size by their moments, shape (3, n_loads, steps).
@@ -203,7 +221,7 @@ class StepDoubling(StepSizeControl, Run):
     def _ratio(self, dt: float, whole: Forcing, halves: Forcing) -> float:
         """Return the error of displacements of the step that was tried over its share of the tolerance."""
         full, chunk, half = self.aside.chunk, self.path.steps(2), 0.5 * dt
-        if self.scheme.mean:
+        if self.scheme.mean and self.sliders is None:
             # Computed from velocities: the shortest steps change only the last digits of displacements.
             p = 0.5 * (chunk.v[1:] + chunk.v[:-1])
             once = 0.5 * (full.v[0] + full.v[1])
@@ -244,6 +262,9 @@ class StepDoubling(StepSizeControl, Run):
             return False, 0.0
         chunk, laws, m, acts = self.path.steps(2), self.laws, self.initial.size, False
         rates, worst = np.asarray(self.rows @ chunk.v.T).T, 0.0
+        if self.movement is not None:
+            times = self.path.t[self.path.filled] + dt * np.arange(3.0)
+            rates = self.movement.rates(chunk.q, chunk.v, times)
         change = np.max(np.abs(rates[1:] - rates[:-1]), axis=0)
         contacts = self.system.contacts
         if contacts is not None:
@@ -253,7 +274,7 @@ class StepDoubling(StepSizeControl, Run):
             speed = np.max(rates[:, :m] ** 2, axis=0) + deepest * change[:m] / dt
             coarse = closed & (change[:m] ** 2 > (_RESOLVED / self.fineness) ** 2 * speed)
             worst = float(np.max(change[:m], where=coarse, initial=0.0))
-        if laws.state.size:
+        if laws.state.size and np.any(self.bends[m:]):
             laws.state[:] = chunk.past[0]
             tangents = np.zeros(chunk.u.shape)
             for j in (np.flatnonzero(self.bends[m:]) + m).tolist():

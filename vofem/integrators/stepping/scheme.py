@@ -1,0 +1,91 @@
+"""The numbers of a method that steps in time, and what loads do in its steps."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.integrators.stepping.kernel import Numbers, Size
+
+Array = NDArray[np.float64]
+
+
+class Scheme(NamedTuple):
+    """The numbers that make the steps of `kernel` those of a method.
+
+    Attributes
+    ----------
+    alpha_m, alpha_f, gamma, beta : float
+    mean : bool
+        Whether laws act by their mean forces over a step, and not by those at its end.
+    """
+
+    alpha_m: float
+    alpha_f: float
+    gamma: float
+    beta: float
+    mean: bool = False
+
+    @property
+    def explicit(self) -> bool:
+        """Whether the displacement at the end of a step does not depend on forces there."""
+        return self.beta == 0.0
+
+    @property
+    def part(self) -> float:
+        """Return after which part of a step it is balanced."""
+        return 0.5 if self.mean else 1.0 - self.alpha_f
+
+    @property
+    def lags(self) -> bool:
+        """Whether the accelerations of the method belong to times before the ends of steps."""
+        return not self.mean and self.alpha_m != self.alpha_f
+
+    def numbers(self, dt: float) -> Numbers:
+        """Return the numbers of a step size in s."""
+        am, af, gamma, beta, mean = self
+        share = am / (1.0 - am)
+        return Numbers(
+            dt, 1.0 - af, 0.5 - beta - beta * share, beta / (1.0 - am), 1.0 - gamma - gamma * share,
+            gamma / (1.0 - am), am, mean, 0.0 if mean else 0.5 - af,
+        )  # fmt: skip
+
+
+class Forcing(NamedTuple):
+    """Loads over some steps: combinations of the vectors in `Loaded`.
+
+    Attributes
+    ----------
+    values, means : ndarray, shape (steps, 2 n_loads)
+        Of the loads and of what they move within steps: in the balance of a step, and over it.
+    first : ndarray, shape (steps, n_loads)
+        First moments over the steps, used where laws act by means.
+    """
+
+    values: Array
+    means: Array
+    first: Array
+
+    def at(self, k: int) -> Forcing:
+        """Return the loads of one step, which hold in parts of it too: without their first moments."""
+        return Forcing(self.values[k : k + 1], self.means[k : k + 1], np.zeros_like(self.first[k : k + 1]))
+
+
+class Loaded(NamedTuple):
+    """What loads do in steps of one size: a step's matrix and its answers to load vectors F.
+
+    Attributes
+    ----------
+    size : Size
+    loads : ndarray, shape (2 n_loads, n)
+        F and ``K A^-1 F``.
+    shift, inertia : ndarray, shape (n_loads, n)
+        ``dt A^-1 F`` and M times it.
+    """
+
+    size: Size
+    loads: Array
+    shift: Array
+    inertia: Array
