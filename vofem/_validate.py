@@ -78,18 +78,11 @@ def number(
 ) -> float:
     """Return `value` as a float, or raise `ArgumentError` naming `what`.
 
-    Parameters
-    ----------
-    what : str
-        The name shown to the user, such as ``"Beam 'b1': length"``.
-    value : number
-        What was given. Booleans, strings and arrays are refused.
-    minimum : float, optional
-        The smallest value allowed.
-    positive : bool
-        Whether zero and less are refused.
-    finite : bool
-        Whether infinity is refused. NaN always is.
+    `what`: the name shown to the user, such as ``"Beam 'b1': length"``.
+    `value`: what was given. Booleans, strings and arrays are refused.
+    `minimum`: the smallest value allowed.
+    `positive`: whether zero and less are refused.
+    `finite`: whether infinity is refused. NaN always is.
     """
     expected = "a positive number" if positive else "a number"
     if minimum is not None:

@@ -15,11 +15,7 @@ from vofem.time_functions.parts import parts_of
 def doubtful(system: System, t_end: float) -> list[str]:
     """Return notes on loads and damping that are allowed and rarely meant.
 
-    Parameters
-    ----------
-    system : System
-    t_end : float
-        Time of the loads at which the run ends, s.
+    `t_end`: time of the loads at which the run ends, s.
     """
     notes = [note for load in system.loads for note in _of_load(load.name, load.function, t_end)]
     ratio = 0.0 if system.modal_damping is None else float(np.max(system.modal_damping))

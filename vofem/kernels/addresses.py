@@ -15,13 +15,11 @@ from functools import cache
 from typing import Any
 from weakref import WeakValueDictionary
 
-import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.kernels.jit import CompiledFunction, Intrinsic
 from vofem.kernels.mode import compiled
-
-Array = NDArray[np.float64]
 
 #: Functions and arrays by the negative numbers that stand for their addresses in plain Python.
 _KNOWN: WeakValueDictionary[int, Any] = WeakValueDictionary()

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.kernels.jit import jit
 from vofem.laws.group import LawGroup, ListedLaws
 from vofem.laws.hysteretic import HystereticLaws, jenkins
@@ -18,7 +18,6 @@ from vofem.laws.law import COMMIT, FORCE, KINK, MEAN, STORED, TANGENT, Law
 if TYPE_CHECKING:
     from vofem.time_functions import TimeFunction
 
-Array = NDArray[np.float64]
 
 #: Statuses of a slider beside CLOSED (stuck behind its spring) and PINNED (stuck): it slides in either direction.
 UP, DOWN = 3, 4
@@ -26,36 +25,20 @@ UP, DOWN = 3, 4
 
 @dataclass(frozen=True, eq=False)
 class FrictionLaw:
-    """A slider on a row b: ``R = coefficient N sign(w)`` at the slip speed ``w = b.v - belt``; at rest R is a reaction.
-
-    Attributes
-    ----------
-    name, label : str
-    limit, static : float
-        Friction force while it slides, and largest reaction while it sticks, N.
-    stiffness : float
-        Of the spring in series, N/m; inf for a rigid slider.
-    belt : TimeFunction, optional
-        Speed of the belt, m/s.
-    normal : float
-        Normal force, N; 1 where a contact presses or where it varies, so that limits are coefficients.
-    contact : str, optional
-        Name of the contact whose force presses.
-    varies : TimeFunction, optional
-        Normal force, N, that depends on time; it presses only while it is positive.
-    """
+    """A slider on a row b: ``R = coefficient N sign(w)`` at the slip speed ``w = b.v - belt``; at rest a reaction."""
 
     group: ClassVar[type[LawGroup]]
 
     name: str
     label: str
+    #: `limit`, `static`: friction force while it slides, and largest reaction while it sticks, N.
     limit: float
     static: float
-    stiffness: float
-    belt: TimeFunction | None
-    normal: float
-    contact: str | None = None
-    varies: TimeFunction | None = None
+    stiffness: float  #: Of the spring in series, N/m; inf for a rigid slider.
+    belt: TimeFunction | None  #: Speed of the belt, m/s.
+    normal: float  #: Normal force, N; 1 where a contact presses or where it varies, so that limits are coefficients.
+    contact: str | None = None  #: Name of the contact whose force presses.
+    varies: TimeFunction | None = None  #: Normal force, N, that depends on time; it presses only while it is positive.
 
 
 @dataclass(frozen=True)

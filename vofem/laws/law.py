@@ -30,11 +30,10 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.kernels.addresses import address_of, call
 from vofem.kernels.jit import CompiledFunction, jit
 from vofem.kernels.mode import compiled
-
-Array = NDArray[np.float64]
 
 FORCE, TANGENT, DAMPING, MEAN, STORED, LOSS, COMMIT, KINK, JUMP = range(9)
 

@@ -6,12 +6,10 @@ The loops have no branches and call no functions, so that compilers do several o
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.kernels.jit import borrowed, jit, plain_form
 from vofem.linalg.exponential import half_turns
-
-Array = NDArray[np.float64]
 
 #: Rows of the array that describes oscillators ``z'' + 2 delta z' + p z = 0``: delta in 1/s, p in 1/s^2, the frequency
 #: without damping and the one of the damped motion in rad/s (0 where it does not oscillate), the decay rate (of the
@@ -80,14 +78,9 @@ def _decays_of_all(rate: Array, t: float, out: Array, power: Array) -> None:
 def oscillators_at(of: Array, t: float, out: Array, work: Array) -> None:
     """Compute ``c - 1`` and ``s`` of `exponential.oscillator` at time t.
 
-    Parameters
-    ----------
-    of : ndarray, shape (8, n)
-        See `oscillators`.
-    out : ndarray, shape (2, n)
-        Filled.
-    work : ndarray, shape (5, n)
-        Work space.
+    `of` (shape (8, n)): see `oscillators`.
+    `out` (shape (2, n)): filled.
+    `work` (shape (5, n)): work space.
     """
     of, out, work = borrowed((of, out, work))
     c, s, divisor, critical = out[0], out[1], of[DIVISOR], of[CRITICAL]

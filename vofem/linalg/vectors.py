@@ -6,12 +6,8 @@ each. These loops are compiled once.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from vofem.arrays import Array
 from vofem.kernels.jit import jit, plain_form
-
-Array = NDArray[np.float64]
 
 
 @jit

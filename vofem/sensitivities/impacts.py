@@ -8,11 +8,9 @@ sign.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.sensitivities.modal import ModalChange
-
-Array = NDArray[np.float64]
 
 
 class Impact:

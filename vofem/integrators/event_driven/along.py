@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.blocks import response
 from vofem.integrators.event_driven.clusters import Group
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from vofem.integrators.event_driven.sliders import Sliders
     from vofem.laws import FrictionLaws
 
-Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 #: Largest growth of a motion over a segment of negative duration, as the logarithm of a factor.
@@ -110,18 +110,11 @@ class _Table(NamedTuple):
 
 
 class Stuck(NamedTuple):
-    """What rigid sliders that stick hold: their places stay where they are, and all else moves about them.
+    """What rigid sliders that stick hold: their places stay where they are, and all else moves about them."""
 
-    Attributes
-    ----------
-    carry : ndarray, shape (n, n)
-        The displacement that the places of the sliders ask for, in equilibrium under reactions alone.
-    reaction : ndarray, shape (k, n)
-        Reactions of everything pinned to that displacement.
-    """
-
+    #: The displacement that the places of the sliders ask for, in equilibrium under reactions alone, shape (n, n).
     carry: Array
-    reaction: Array
+    reaction: Array  #: Reactions of everything pinned to that displacement, shape (k, n).
 
 
 def _stuck(regime: Regime, contacts: Array, status: Status, first: int) -> Stuck | None:
@@ -145,19 +138,9 @@ def _stuck(regime: Regime, contacts: Array, status: Status, first: int) -> Stuck
 class Course:
     """Follows a system along given segments.
 
-    Parameters
-    ----------
-    system : System
-        A system that `event_driven` can treat.
-    horizon : float
-        Longest duration of a segment in s.
-    counters : Counters
-    group : FrictionLaws, optional
-        Rigid sliders without belts, whose rows are the last ones of the contacts.
-
-    Attributes
-    ----------
-    sliders : Sliders, optional
+    `system`: a system that `event_driven` can treat.
+    `horizon`: longest duration of a segment in s.
+    `group`: rigid sliders without belts, whose rows are the last ones of the contacts.
     """
 
     def __init__(self, system: System, horizon: float, counters: Counters, group: FrictionLaws | None = None) -> None:
@@ -237,28 +220,15 @@ class Course:
     ) -> Path:  # fmt: skip
         """Return the motion from a modal state at a time in s through segments.
 
-        Parameters
-        ----------
-        state : ndarray, shape (2n,)
-        statuses : sequence of ndarray of int, each (n_contacts,)
-        durations : ndarray, shape (m,)
-            In s.
-        columns : ndarray, shape (2n, k), optional
-            Derivatives of the state at the beginning, whose time is fixed.
-        lengthen : ndarray, shape (m, k), optional
-            Derivatives of the durations.
-        nodes : ndarray, shape (m - 1, 2n), optional
-            States at which the segments after the first begin, in place of the ends of the segments before. The last
-            column then contains the differences, as they grow along the motion.
-        struck : sequence of int
-            The rigid stop that is hit at the end of each of the first segments, -1 for none.
-        every : bool
-            Whether the columns are kept at the ends of all segments.
-
-        Raises
-        ------
-        ConvergenceError
-            If a motion that is followed backwards in time grows too much.
+        `state` has shape (2n,).
+        `durations` (shape (m,)): in s.
+        `columns` (shape (2n, k)): derivatives of the state at the beginning, whose time is fixed.
+        `lengthen` (shape (m, k)): derivatives of the durations.
+        `nodes` (shape (m - 1, 2n)): states at which the segments after the first begin, in place of the ends of the
+        segments before. The last column then contains the differences, as they grow along the motion.
+        `struck`: the rigid stop that is hit at the end of each of the first segments, -1 for none.
+        `every`: whether the columns are kept at the ends of all segments.
+        Raises `ConvergenceError` if a motion that is followed backwards in time grows too much.
         """
         table, size = self._known(statuses), 2 * self.space.size
         numbers = np.array([table.numbers[status.tobytes()] for status in statuses], dtype=np.int64)

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.event_driven.clusters import Group, group_change
 from vofem.kernels.addresses import address_of, call
 from vofem.kernels.jit import CompiledFunction, borrowed, jit, plain_form
@@ -34,7 +35,6 @@ from vofem.linalg.oscillators import (
     oscillators_at_once,
 )
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
@@ -43,18 +43,10 @@ _TAKES = 11
 
 
 class Response(NamedTuple):
-    """What computes the responses of coupled blocks from rest.
+    """What computes the responses of coupled blocks from rest."""
 
-    Attributes
-    ----------
-    address : int
-        Of `respond`; 0 where no block is coupled, and the function is not compiled.
-    numbers : ndarray, shape (_TAKES + 2,)
-        Work space.
-    """
-
-    address: int
-    numbers: Array
+    address: int  #: Of `respond`; 0 where no block is coupled, and the function is not compiled.
+    numbers: Array  #: Work space, shape (_TAKES + 2,).
 
 
 def response(coupled: bool) -> Response:
@@ -63,29 +55,16 @@ def response(coupled: bool) -> Response:
 
 
 class Blocks(NamedTuple):
-    """The blocks of loads, and after them those of the structure.
+    """The blocks of loads, and after them those of the structure."""
 
-    Attributes
-    ----------
-    of : ndarray, shape (8, m)
-        See `linalg.oscillators`.
-    pair : ndarray of int, shape (r, 3)
-        Coupled blocks, the loads that drive them, and the second derivatives of these loads, -1 for none, as numbers of
-        blocks. A line that is bent is driven by its second derivative; the third number is then -2.
-    gain : ndarray, shape (r, 4)
-        a1, b1, a2, b2 of each pair.
-    group : Group or None
-        Blocks that are not independent. Without them what is computed for them is left out of the machine code.
-    work : ndarray, shape (7, m)
-        Work space.
-    response : Response
-    """
-
-    of: Array
+    of: Array  #: See `linalg.oscillators`, shape (8, m).
+    #: Coupled blocks, the loads that drive them, and the second derivatives of these loads, -1 for none, as numbers of
+    #: blocks. A line that is bent is driven by its second derivative; the third number is then -2. Shape (r, 3).
     pair: Integers
-    gain: Array
+    gain: Array  #: a1, b1, a2, b2 of each pair, shape (r, 4).
+    #: Blocks that are not independent. Without them what is computed for them is left out of the machine code.
     group: Group | None
-    work: Array
+    work: Array  #: Work space, shape (7, m).
     response: Response
 
 
@@ -111,15 +90,10 @@ def _special_response(delta: float, p: float, b: complex, g1: complex, g2: compl
 def respond(bent: int, p: Any, z: Any, tau: float, unused: float) -> float:
     """Write the response (z, v) from rest of a block to a load at tau.
 
-    Parameters
-    ----------
-    bent : int
-        Whether the load has second and third derivatives.
-    p : array of `_TAKES` numbers
-        Of the block delta in 1/s and p in 1/s^2; the load's squared frequency in 1/s^2, 0 for a line; its value and
-        rate at tau = 0; the four gains; and the load's derivatives.
-    z : array of two numbers
-        Filled.
+    `bent`: whether the load has second and third derivatives.
+    `p`: of the block delta in 1/s and p in 1/s^2; the load's squared frequency in 1/s^2, 0 for a line; its value and
+    rate at tau = 0; the four gains; and the load's derivatives.
+    `z`: filled.
     """
     delta, square, f, rate = p[0], p[2], p[3], p[4]
     if square > 0.0:
@@ -222,12 +196,8 @@ def moved_at_once(of: Array, start: Array, tau: float, work: Array, out: Array) 
 def changes(blocks: Blocks, starts: Array, own: Integers, tau: Array) -> Array:
     """Return by how much states have changed, shape (n_times, 2, m).
 
-    Parameters
-    ----------
-    starts : ndarray, shape (k, 2, m)
-        States at the beginnings of some segments.
-    own, tau : ndarray, shape (n_times,)
-        The row of `starts` for each time, and times from these beginnings, s.
+    `starts` (shape (k, 2, m)): states at the beginnings of some segments.
+    `own`, `tau` (shape (n_times,)): the row of `starts` for each time, and times from these beginnings, s.
     """
     found = np.empty((tau.size, *starts.shape[1:]))
     _changes(ready(blocks)._replace(group=None), np.ascontiguousarray(starts), own, tau, found)

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array, Complex
 from vofem.integrators.event_driven.exosystem import CONSTANT
 from vofem.integrators.event_driven.record import Record
 from vofem.integrators.event_driven.regime import Regime, flat
@@ -33,8 +34,6 @@ from vofem.linalg.oscillators import DELTA, FREQUENCY, SQUARE
 if TYPE_CHECKING:
     from vofem.integrators.event_driven.sliders import SlidingPiece
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Integers = NDArray[np.int64]
 
 #: Times that are treated together.
@@ -58,33 +57,16 @@ _SHORT = 0.1
 
 
 class _Form(NamedTuple):
-    """The integral of ``y' Q y + 2 y' R w + w' T w``.
+    """The integral of ``y' Q y + 2 y' R w + w' T w``."""
 
-    Attributes
-    ----------
-    blocks : ndarray, shape (2m, 2m) or (2m,), optional
-        P of the blocks, or its diagonal; None where they do not enter.
-    mixed : ndarray, shape (2m, 2e)
-        P between blocks and loads.
-    loads : ndarray, shape (2e, 2e)
-        What is left between loads.
-    panels : (ndarray, ndarray)
-        Q and R of the products that are integrated on panels, shapes (2m, 2m) and (2m, 2e).
-    """
-
-    blocks: Array | None
-    mixed: Array
-    loads: Array
-    panels: tuple[Array, Array]
+    blocks: Array | None  #: P of the blocks, or its diagonal; None where they do not enter. Shape (2m, 2m) or (2m,).
+    mixed: Array  #: P between blocks and loads, shape (2m, 2e).
+    loads: Array  #: What is left between loads, shape (2e, 2e).
+    panels: tuple[Array, Array]  #: Q and R of the products that are integrated on panels, shapes (2m, 2m) and (2m, 2e).
 
 
 class StatusForms:
-    """The forms of one linear piece, without a group.
-
-    Parameters
-    ----------
-    regime : Regime
-    """
+    """The forms of one linear piece, without a group."""
 
     def __init__(self, regime: Regime) -> None:
         self.regime = regime
@@ -137,14 +119,9 @@ class StatusForms:
     def taken(self, begins: Array, own: Integers, tau: Array) -> Array:
         """Return the work of loads and the energy taken by dampers since the starts of segments, shape (2, n_times).
 
-        Parameters
-        ----------
-        begins : ndarray, shape (k, 2, M)
-            States of all blocks at the start of k segments.
-        own : ndarray of int, shape (n_times,)
-            Number of the segment of each time, in ascending order.
-        tau : ndarray, shape (n_times,)
-            Times from the starts, s.
+        `begins` (shape (k, 2, M)): states of all blocks at the start of k segments.
+        `own` (shape (n_times,)): number of the segment of each time, in ascending order.
+        `tau` (shape (n_times,)): times from the starts, s.
         """
         regime, found = self.regime, np.zeros((2, tau.size))
         e, omega = regime.loads, regime.blocks.of[FREQUENCY, : regime.loads]
@@ -254,12 +231,8 @@ def work_and_dissipation(
 ) -> tuple[Array, Array]:
     """Return the work of all loads and the energy dissipated by all dampers, from t = 0 to the given times.
 
-    Parameters
-    ----------
-    regimes, begins : callable
-        Those of `EventSolution`.
-    pinning : ndarray, shape (n_segments,), optional
-        Energy lost at the beginning of every segment, J.
+    `regimes`, `begins`: those of `EventSolution`.
+    `pinning` (shape (n_segments,)): energy lost at the beginning of every segment, J.
     """
     segments = np.clip(np.searchsorted(record.starts, times, side="right") - 1, 0, None)
     count = int(segments.max()) + 1

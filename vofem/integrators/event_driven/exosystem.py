@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.linalg.oscillators import oscillators
 from vofem.system import Load
 from vofem.time_functions import TimeFunction
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 #: The load that is 1 at all times; its force is that of the offsets of closed and pinned contacts.

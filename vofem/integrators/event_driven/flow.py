@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import EventStormError
 from vofem.integrators.event_driven.follow import Follower, follower_of
 from vofem.integrators.event_driven.modal_space import ModalSpace, modal_space
@@ -27,7 +28,6 @@ from vofem.system import OPEN, Counters, State, System
 if TYPE_CHECKING:
     from vofem.integrators.event_driven.walk import Walker
 
-Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 #: Largest number of events in one flow.
@@ -39,75 +39,43 @@ _FEW, _INSIDE = 4, np.array([0.13, 0.37, 0.61, 0.86])
 
 @dataclass(frozen=True)
 class Start:
-    """The time and the state at which a flow begins.
+    """The time and the state at which a flow begins."""
 
-    Attributes
-    ----------
-    time : float
-        Time of the loads in s.
-    displacement, velocity : ndarray, shape (n,)
-        Modal state at `time`.
-    status : ndarray of int, shape (n_contacts,), optional
-        Contact status just after `time`. By default it follows from the state.
-    touching : int, optional
-        A contact that switches at `time`, so that it is exactly at its gap.
-    """
-
-    time: float
+    time: float  #: Time of the loads in s.
+    #: `displacement`, `velocity`: modal state at `time`, shape (n,).
     displacement: Array
     velocity: Array
+    #: Contact status just after `time`. By default it follows from the state. Shape (n_contacts,).
     status: Status | None = None
-    touching: int | None = None
+    touching: int | None = None  #: A contact that switches at `time`, so that it is exactly at its gap.
 
 
 @dataclass(frozen=True)
 class FlowEvent:
-    """A contact event within a flow.
+    """A contact event within a flow."""
 
-    Attributes
-    ----------
-    time : float
-        Time in s.
-    contact : int
-    before, after : int
-        Status of the contact; both are open at an impact on a rigid stop.
-    rate : float
-        Rate of its gap function just before, m/s.
-    """
-
-    time: float
+    time: float  #: Time in s.
     contact: int
+    #: `before`, `after`: status of the contact; both are open at an impact on a rigid stop.
     before: int
     after: int
-    rate: float
+    rate: float  #: Rate of its gap function just before, m/s.
 
 
 @dataclass(frozen=True)
 class Flow:
-    """A flow over a time.
-
-    Attributes
-    ----------
-    start : Start
-    stop : float
-        Time in s.
-    displacement, velocity : ndarray, shape (n,)
-        Modal state at `stop`.
-    monodromy : ndarray, shape (2n, k), optional
-        Perturbations at `stop`, displacements above velocities. If the perturbations at the start are all unit vectors,
-        this is the derivative of the final state.
-    events : tuple of FlowEvent
-    solution : EventSolution
-        The segments, for sampling.
-    """
+    """A flow over a time."""
 
     start: Start
-    stop: float
+    stop: float  #: Time in s.
+    #: `displacement`, `velocity`: modal state at `stop`, shape (n,).
     displacement: Array
     velocity: Array
+    #: Perturbations at `stop`, displacements above velocities. If the perturbations at the start are all unit vectors,
+    #: this is the derivative of the final state. Shape (2n, k).
     monodromy: Array | None
     events: tuple[FlowEvent, ...]
-    solution: EventSolution
+    solution: EventSolution  #: The segments, for sampling.
 
     @property
     def space(self) -> ModalSpace:
@@ -179,23 +147,12 @@ def flow(
 ) -> Flow:
     """Return the flow of a system from a state.
 
-    Parameters
-    ----------
-    system : System
-        A system that `event_driven` can treat.
-    start : Start
-    stop : float
-        Absolute time in s.
-    derivative : ndarray, shape (2n, k), optional
-        Perturbations at the start whose growth is computed; the identity for the monodromy matrix.
-    counters : Counters, optional
-        Work is counted here.
-    most_events : int
-
-    Raises
-    ------
-    EventStormError
-        After `most_events` events.
+    `system`: a system that `event_driven` can treat.
+    `stop`: absolute time in s.
+    `derivative` (shape (2n, k)): perturbations at the start whose growth is computed; the identity for the monodromy
+    matrix.
+    `counters`: work is counted here.
+    Raises `EventStormError` after `most_events` events.
     """
     counters = Counters() if counters is None else counters
     solution = solution_of(system, stop, np.array([stop]), counters)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.event_driven.blocks import response
 from vofem.integrators.event_driven.loop import (
     DECISION,
@@ -47,7 +48,6 @@ from vofem.system import PINNED
 if TYPE_CHECKING:
     from vofem.integrators.event_driven.walk import Walker
 
-Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 #: Segments in the first call of the loop; seconds that a call may take; segments and events in any call.
@@ -57,29 +57,16 @@ FIRST_CALL, _SECONDS, MOST = 64, 0.1, 100_000
 class Follower:
     """A motion that is followed from segment to segment.
 
-    Parameters
-    ----------
-    solution : EventSolution
-        Keeps the segments.
-    edges : array_like, shape (k,)
-        Times in s, from the beginning of the run on, between which each load has one closed form. The motion is
-        computed to the last one.
-    time : float
-        Time in s from which the motion is computed.
-    status : ndarray of int, shape (n_contacts,)
-    displacement, velocity : ndarray, shape (n,)
-        Modal state at this time.
-    pin_fraction : float
-        See `pinned`.
-    most_events : int
-        Number of events after which `advance` returns, so that the caller can stop.
-
-    Attributes
-    ----------
-    time, status, displacement, velocity
-        Time, contact status and modal state that have been reached.
-    calls : int
-        Number of calls of the loop.
+    `solution`: keeps the segments.
+    `edges` (shape (k,)): times in s, from the beginning of the run on, between which each load has one closed form. The
+    motion is computed to the last one.
+    `time`: time in s from which the motion is computed.
+    `status` has shape (n_contacts,).
+    `displacement`, `velocity` (shape (n,)): modal state at this time.
+    `pin_fraction`: see `pinned`.
+    `most_events`: number of events after which `advance` returns, so that the caller can stop.
+    `time`, `status`, `displacement`, `velocity`: time, contact status and modal state that have been reached.
+    `calls`: number of calls of the loop.
     """
 
     def __init__(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.event_driven.clusters import Group
 from vofem.integrators.event_driven.search import (
     BEGINNING,
@@ -50,7 +51,6 @@ from vofem.kernels.addresses import floats, integers, shaped
 from vofem.kernels.jit import jit
 from vofem.linalg.vectors import copy, inner, multiply, multiply_transposed
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 #: Why the loop returns: the run is at its end, the requested number of segments is done, the table has no slot for what
@@ -176,18 +176,12 @@ def run_segments(
 ) -> int:  # fmt: skip
     """Follow a run from segment to segment; return why it stops, see `DONE` and what follows it.
 
-    Parameters
-    ----------
-    table, slots, after : ndarray of int
-        See `Statuses`.
-    group : Group or None
-        That of the only linear piece in the table; its blocks are not independent.
-    run : ndarray of int, shape (NUMBERS,)
-        The numbers of the run and the places of its arrays. Its state and the record are changed in place.
-    segments : int
-        Number of segments after which the loop returns `PAUSED`. It also returns after `_CALL_WORK`.
-    events : int
-        Largest number of events in the whole run.
+    `table`, `slots`, `after`: see `Statuses`.
+    `group`: that of the only linear piece in the table; its blocks are not independent.
+    `run` (shape (NUMBERS,)): the numbers of the run and the places of its arrays. Its state and the record are changed
+    in place.
+    `segments`: number of segments after which the loop returns `PAUSED`. It also returns after `_CALL_WORK`.
+    `events`: largest number of events in the whole run.
     """
     n, contacts, first, intervals = run[MODES_OF_RUN], run[CONTACTS], run[LOADS], run[INTERVALS]
     edges, kinds = shaped(floats(run[EDGES]), (intervals + 1,)), shaped(integers(run[KINDS]), (intervals,))

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array, IntArray
 from vofem.integrators.event_driven.blocks import Blocks, Response, change, response
 from vofem.integrators.event_driven.clusters import Group
 from vofem.integrators.event_driven.exosystem import Exosystem
@@ -20,9 +20,6 @@ from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.kernels.jit import jit, plain_form
 from vofem.linalg.exponential import matrix_change, oscillator, oscillator_change, oscillator_changes
 from vofem.system import CLOSED, PINNED, ContactLaws
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: How block states follow from modal states: they are the same, by real modes, or by a matrix for whole states.
 _SAME, _REAL, _COMPLEX = 0, 1, 2
@@ -41,28 +38,16 @@ _NOTHING = 1e-33
 
 
 class Structure(NamedTuple):
-    """What a motion depends on beside its status: c contacts, n modes, e loads.
+    """What a motion depends on beside its status: c contacts, n modes, e loads."""
 
-    Attributes
-    ----------
-    stiffness, damping : ndarray, shape (n,)
-    coupling : ndarray, shape (n, n)
-        Damping that couples modes; empty without any.
-    rows : ndarray, shape (c, n)
-    gap : ndarray, shape (c,)
-        Coordinates at which the springs of closed contacts are free of force.
-    sources : ndarray, shape (e, n)
-        Modal forces of the loads.
-    kick : ndarray, shape (c,)
-        An impact on a rigid stop takes this times the speed of approach and the row from the velocity.
-    """
-
+    #: `stiffness`, `damping`: shape (n,).
     stiffness: Array
     damping: Array
-    coupling: Array
-    rows: Array
-    gap: Array
-    sources: Array
+    coupling: Array  #: Damping that couples modes; empty without any. Shape (n, n).
+    rows: Array  #: Shape (c, n).
+    gap: Array  #: Coordinates at which the springs of closed contacts are free of force, shape (c,).
+    sources: Array  #: Modal forces of the loads, shape (e, n).
+    #: An impact on a rigid stop takes this times the speed of approach and the row from the velocity, shape (c,).
     kick: Array
 
 
@@ -70,75 +55,44 @@ class Maps(NamedTuple):
     """Blocks of s statuses, and how their states follow from modal states of n modes.
 
     A status with pinned contacts has fewer blocks than there are modes. Its arrays are filled with zeros.
-
-    Attributes
-    ----------
-    kind : ndarray of int, shape (s,)
-    delta, p : ndarray, shape (s, n)
-    down, up : ndarray, shape (s, n, n)
-        Displacements of blocks from those of modes, and back.
-    into, out : ndarray, shape (s, 2n, 2n)
-        The same for states; empty where no status needs them.
-    shift : ndarray, shape (s, n)
-        Modal displacements that put pinned contacts at their gaps.
-    held : ndarray, shape (s, c, n)
-        Orthonormal rows that span those of the pinned contacts.
-    closed, damper : ndarray, shape (s, c)
-        Stiffness and damping of the closed contacts, zero for others.
-    mean_z, mean_v : ndarray, shape (s, c, n)
-        Contacts' coordinates from block states.
-    carry : ndarray, shape (s, n, n)
-        Parts of modal displacements that stay where they are while sliders stick; empty without sliders.
     """
 
-    kind: IntArray
+    kind: IntArray  #: Shape (s,).
+    #: `delta`, `p`: shape (s, n).
     delta: Array
     p: Array
+    #: `down`, `up`: displacements of blocks from those of modes, and back, shape (s, n, n).
     down: Array
     up: Array
+    #: `into`, `out`: the same for states; empty where no status needs them. Shape (s, 2n, 2n).
     into: Array
     out: Array
-    shift: Array
-    held: Array
+    shift: Array  #: Modal displacements that put pinned contacts at their gaps, shape (s, n).
+    held: Array  #: Orthonormal rows that span those of the pinned contacts, shape (s, c, n).
+    #: `closed`, `damper`: stiffness and damping of the closed contacts, zero for others, shape (s, c).
     closed: Array
     damper: Array
+    #: `mean_z`, `mean_v`: contacts' coordinates from block states, shape (s, c, n).
     mean_z: Array
     mean_v: Array
+    #: Parts of modal displacements that stay where they are while sliders stick; empty without sliders. Shape (s, n,
+    #: n).
     carry: Array
 
 
 class Pieces(NamedTuple):
-    """Loads, and the blocks of s statuses under them: e loads, M = e + n blocks.
+    """Loads, and the blocks of s statuses under them: e loads, M = e + n blocks."""
 
-    Attributes
-    ----------
-    first : ndarray, shape (2, e)
-        Values and rates of the loads at t = 0.
-    omega : ndarray, shape (e,)
-        Their frequencies in rad/s, 0 for lines.
-    of : ndarray, shape (s, 8, M)
-    pairs : ndarray of int, shape (s,)
-        Numbers of coupled blocks.
-    pair, gain : ndarray, shapes (s, r, 3) and (s, r, 4)
-        See `Blocks`.
-    steady : ndarray, shape (s, 2n, 2e)
-        Steady answers of the blocks.
-    push : ndarray, shape (s, n)
-        Modal forces of sliders that slide; empty without sliders.
-    work : ndarray, shape (7, M)
-        Work space.
-    response : Response
-    """
-
-    first: Array
-    omega: Array
-    of: Array
-    pairs: IntArray
+    first: Array  #: Values and rates of the loads at t = 0, shape (2, e).
+    omega: Array  #: Their frequencies in rad/s, 0 for lines, shape (e,).
+    of: Array  #: Shape (s, 8, M).
+    pairs: IntArray  #: Numbers of coupled blocks, shape (s,).
+    #: `pair`, `gain`: see `Blocks`.
     pair: IntArray
     gain: Array
-    steady: Array
-    push: Array
-    work: Array
+    steady: Array  #: Steady answers of the blocks, shape (s, 2n, 2e).
+    push: Array  #: Modal forces of sliders that slide; empty without sliders. Shape (s, n).
+    work: Array  #: Work space, shape (7, M).
     response: Response
 
 
@@ -425,20 +379,13 @@ def pass_segments(
     The columns at the ends of segments are written to `all_columns`, shape (m, 2n, k) or empty. At the end of a segment
     the rigid stop `struck` may be hit, -1 for none; the state at the end is that before this impact.
 
-    Returns
-    -------
-    starts, ends : ndarray, shape (m, 2n)
-        Modal states.
-    means : ndarray, shape (m, c)
-        Mean rates of the contacts' coordinates.
-    shifts : ndarray, shape (m, k)
-        Derivatives of the times of the ends.
-    end_rows, mean_rows : ndarray, shape (m, c, k)
-        Derivatives of the contacts' coordinates at the ends, and of their mean rates.
-    columns : ndarray, shape (2n, k)
-        At the end of the last segment, after an impact there.
-    sizes : ndarray, shape (2,)
-        Largest norms of displacement and velocity.
+    Returns `starts, ends` (shape (m, 2n)): modal states.
+    Returns `means` (shape (m, c)): mean rates of the contacts' coordinates.
+    Returns `shifts` (shape (m, k)): derivatives of the times of the ends.
+    Returns `end_rows, mean_rows` (shape (m, c, k)): derivatives of the contacts' coordinates at the ends, and of their
+    mean rates.
+    Returns `columns` (shape (2n, k)): at the end of the last segment, after an impact there.
+    Returns `sizes` (shape (2,)): largest norms of displacement and velocity.
     """
     m, n, c, k = durations.size, state.size // 2, structure.gap.size, columns.shape[1]
     starts, ends, means = np.empty((m, 2 * n)), np.empty((m, 2 * n)), np.zeros((m, c))

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.system import CLOSED, PINNED, ContactLaws
 
-Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 #: Predicted excursion, as a fraction of the gap, below which a chattering contact is pinned.
@@ -25,22 +25,13 @@ PIN_FRACTION = 1e-7
 
 
 class Reactions(NamedTuple):
-    """Reactions of the pinned contacts of a status, ``A x + B x' + S f - R``, with f the modal forces of the loads.
+    """Reactions of the pinned contacts of a status, ``A x + B x' + S f - R``, with f the modal forces of the loads."""
 
-    Attributes
-    ----------
-    displacement, velocity : ndarray, shape (k, m)
-        A and B over the real modes x of the status.
-    share : ndarray, shape (k, n)
-        S.
-    shift : ndarray, shape (k,)
-        R.
-    """
-
+    #: `displacement`, `velocity`: A and B over the real modes x of the status, shape (k, m).
     displacement: Array
     velocity: Array
-    share: Array
-    shift: Array
+    share: Array  #: S, shape (k, n).
+    shift: Array  #: R, shape (k,).
 
 
 def reactions(space: ModalSpace, laws: ContactLaws, status: Status, spectrum: Spectrum) -> Reactions:
@@ -76,17 +67,10 @@ def should_pin(
 ) -> bool:  # fmt: skip
     """Return whether a contact at an event is to be pinned.
 
-    Parameters
-    ----------
-    status : ndarray of int, shape (n_contacts,)
-        Status of all contacts; that of the contact itself does not matter.
-    contact : int
-    state : (displacement, velocity)
-        Modal state at the event.
-    load : ndarray, shape (n,)
-        Modal load at the event.
-    fraction : float
-        Fraction of the gap below which the predicted excursion leads to pinning.
+    `status` (shape (n_contacts,)): status of all contacts; that of the contact itself does not matter.
+    `state`: modal state at the event.
+    `load` (shape (n,)): modal load at the event.
+    `fraction`: fraction of the gap below which the predicted excursion leads to pinning.
     """
     jump = laws.stiffness[contact] * laws.gap[contact]
     if not laws.jump[contact] or jump <= 0.0:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.event_driven.blocks import Blocks, blocks_of, changes, row_changes
 from vofem.integrators.event_driven.clusters import group_of
 from vofem.integrators.event_driven.exosystem import Exosystem, Kind
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from vofem.integrators.event_driven.modal_space import ModalSpace
     from vofem.integrators.event_driven.sliders import Pushes, Sliders, SlidingPiece
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 #: Linear pieces that are kept with an eigensystem, and only one in systems of more modes than these.
@@ -42,21 +42,11 @@ RESONANT = 0.1
 
 
 class Answers(NamedTuple):
-    """What the blocks of a status do under loads.
+    """What the blocks of a status do under loads."""
 
-    Attributes
-    ----------
-    steady : ndarray, shape (2m, 2e)
-        B.
-    drive : ndarray, shape (2m, 2e)
-        Inputs to the blocks that have no answer, by values and rates of the loads.
-    apart : ndarray of bool, shape (m, e)
-        Pairs of blocks and loads without a steady answer.
-    """
-
-    steady: Array
-    drive: Array
-    apart: NDArray[np.bool_]
+    steady: Array  #: B, shape (2m, 2e).
+    drive: Array  #: Inputs to the blocks that have no answer, by values and rates of the loads, shape (2m, 2e).
+    apart: NDArray[np.bool_]  #: Pairs of blocks and loads without a steady answer, shape (m, e).
 
 
 def answers(base: Unloaded, kind: Kind, horizon: float, pushes: Pushes | None = None) -> Answers:
@@ -64,12 +54,8 @@ def answers(base: Unloaded, kind: Kind, horizon: float, pushes: Pushes | None = 
 
     Those under lines depend on no frequency and are kept with the status.
 
-    Parameters
-    ----------
-    horizon : float
-        Longest time in s for which a motion is computed. A block that is slower than that is treated as rigid.
-    pushes : Pushes, optional
-        What sliders add to the loads.
+    `horizon`: longest time in s for which a motion is computed. A block that is slower than that is treated as rigid.
+    `pushes`: what sliders add to the loads.
     """
     spectrum, m, down = base.spectrum, base.spectrum.p.size, base.spectrum.real.down
     e, lines, waves = kind.omega.size, kind.lines, kind.waves
@@ -197,20 +183,12 @@ def _static(spectrum: Spectrum, force: Array, horizon: float, steady: Array) -> 
 
 
 class MovingStops(NamedTuple):
-    """Contacts whose coordinates have an offset that depends on time, in one status.
+    """Contacts whose coordinates have an offset that depends on time, in one status."""
 
-    Attributes
-    ----------
-    rows : ndarray, shape (n_contacts, n)
-        Modal rows.
-    drift : ndarray, shape (n_contacts, e)
-        Factors with which the loads enter the coordinates.
-    stiffness, damping, offset : ndarray, shape (n_contacts,)
-        Stiffness and damping are zero unless the contact is closed.
-    """
-
-    rows: Array
-    drift: Array
+    rows: Array  #: Modal rows, shape (n_contacts, n).
+    drift: Array  #: Factors with which the loads enter the coordinates, shape (n_contacts, e).
+    #: `stiffness`, `damping`, `offset`: stiffness and damping are zero unless the contact is closed, shape
+    #: (n_contacts,).
     stiffness: Array
     damping: Array
     offset: Array
@@ -219,12 +197,8 @@ class MovingStops(NamedTuple):
 def drift_of(laws: ContactLaws | None, function: Integers, functions: int) -> Array | None:
     """Return the factors with which loads enter the coordinates of contacts, (n_contacts, e); None where none does.
 
-    Parameters
-    ----------
-    function : ndarray of int, shape (e,)
-        See `Exosystem`; the offsets of contacts are the last functions.
-    functions : int
-        Number of all functions.
+    `function` (shape (e,)): see `Exosystem`; the offsets of contacts are the last functions.
+    `functions`: number of all functions.
     """
     if laws is None or laws.moving is None:
         return None
@@ -235,34 +209,16 @@ def drift_of(laws: ContactLaws | None, function: Integers, functions: int) -> Ar
 
 @dataclass(frozen=True)
 class Regime:
-    """A contact status under loads of one kind.
+    """A contact status under loads of one kind."""
 
-    Attributes
-    ----------
-    base : Unloaded
-        The status itself.
-    kind : Kind
-        The loads.
-    answers : Answers
-    blocks : Blocks
-    horizon : float
-        Longest time in s for which a motion is computed.
-    stops : MovingStops, optional
-        Contacts that the motion of bases moves; None where there are none.
-    sliders : Sliders, optional
-        Those that are the last rows of the contacts.
-    pushes : Pushes, optional
-        What they add to the loads.
-    """
-
-    base: Unloaded
-    kind: Kind
+    base: Unloaded  #: The status itself.
+    kind: Kind  #: The loads.
     answers: Answers
     blocks: Blocks
-    horizon: float
-    stops: MovingStops | None = None
-    sliders: Sliders | None = None
-    pushes: Pushes | None = None
+    horizon: float  #: Longest time in s for which a motion is computed.
+    stops: MovingStops | None = None  #: Contacts that the motion of bases moves; None where there are none.
+    sliders: Sliders | None = None  #: Those that are the last rows of the contacts.
+    pushes: Pushes | None = None  #: What they add to the loads.
 
     @property
     def spectrum(self) -> Spectrum:
@@ -432,21 +388,13 @@ class Regime:
 
 @dataclass(frozen=True)
 class Motion:
-    """The motion of a segment.
-
-    Attributes
-    ----------
-    regime : Regime
-    displacement, velocity : ndarray, shape (n,)
-        Modal state at tau = 0, pinned contacts at their gaps.
-    start : ndarray, shape (2, M)
-        States of all blocks at tau = 0.
-    """
+    """The motion of a segment."""
 
     regime: Regime
+    #: `displacement`, `velocity`: modal state at tau = 0, pinned contacts at their gaps, shape (n,).
     displacement: Array
     velocity: Array
-    start: Array
+    start: Array  #: States of all blocks at tau = 0, shape (2, M).
 
     @property
     def spectrum(self) -> Spectrum:
@@ -501,12 +449,8 @@ def start_motion(regime: Regime, displacement: Array, velocity: Array, w: Array)
 def regime_of(base: Unloaded, kind: Kind, horizon: float, sliders: Sliders | None = None) -> Regime:
     """Return a contact status under loads.
 
-    Parameters
-    ----------
-    horizon : float
-        Longest time in s for which a motion is computed.
-    sliders : Sliders, optional
-        Those that are the last rows of the contacts.
+    `horizon`: longest time in s for which a motion is computed.
+    `sliders`: those that are the last rows of the contacts.
     """
     spectrum, function, omega, bend = base.spectrum, kind.function, kind.omega, kind.bend
     stops, pushes = None, None
@@ -596,19 +540,8 @@ def _with_sliders(regime: Regime, exits: Exits) -> Exits:
 class Regimes:
     """The linear pieces of a system's statuses, kept with its eigensystems.
 
-    Parameters
-    ----------
-    system : System
-    space : ModalSpace
-    vectors : ndarray, shape (n_functions, n)
-        Modal load vectors, those of offsets of contacts last.
-    counters : Counters
-    sliders : Sliders, optional
-        Those that are the last rows of the contacts.
-
-    Attributes
-    ----------
-    spectra : Spectra
+    `vectors` (shape (n_functions, n)): modal load vectors, those of offsets of contacts last.
+    `sliders`: those that are the last rows of the contacts.
     """
 
     def __init__(

@@ -8,9 +8,9 @@ on the number of events and on the slow motion.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import number, whole
+from vofem.arrays import Array
 from vofem.errors import EventStormError, MethodError
 from vofem.integrators.event_driven.flow import solution_of
 from vofem.integrators.event_driven.follow import follower_of
@@ -30,8 +30,6 @@ from vofem.integrators.registry import advice
 from vofem.integrators.rounding import graded
 from vofem.integrators.sampled_loads import loads_by_values
 from vofem.system import Counters, State, System
-
-Array = NDArray[np.float64]
 
 #: Above this many degrees of freedom the dense eigensystems would need gigabytes.
 MOST_UNKNOWNS = 6000
@@ -103,33 +101,17 @@ def run(
 ) -> EventSolution | TruncatedSolution:
     """Simulate from the start state at t = 0 to t_end.
 
-    Parameters
-    ----------
-    system : System
-    start : State
-    t_end : float
-        Duration of the run in s.
-    times : ndarray
-        Times in s at which results will be computed. The run itself does not depend on them.
-    max_events : int
-        Largest number of contact events. A run with more of them raises an error.
-    pin_fraction : float
-        Fraction of the gap below which the chatter of a contact that acts on
-        the displacement counts as rest at the gap; see `pinned`.
-    truncation : float, optional
-        Relative error of displacements up to which Ritz vectors may replace the modes of the system, see `truncated`; 0
-        keeps all modes. The default is `TOLERANCE` above `FULL_UNKNOWNS` degrees of freedom, and 0 below.
-    observer : callable, optional
-        A function that is called with the time reached, only in a run in all modes.
-    resume : dict, optional
-        A snapshot of the same run, from which it is continued.
-
-    Raises
-    ------
-    MethodError
-        If a load has no closed form, a switch is not ideal, or the system is too large.
-    EventStormError
-        If events follow each other without end.
+    `t_end`: duration of the run in s.
+    `times`: times in s at which results will be computed. The run itself does not depend on them.
+    `max_events`: largest number of contact events. A run with more of them raises an error.
+    `pin_fraction`: fraction of the gap below which the chatter of a contact that acts on the displacement counts as
+    rest at the gap; see `pinned`.
+    `truncation`: relative error of displacements up to which Ritz vectors may replace the modes of the system, see
+    `truncated`; 0 keeps all modes. The default is `TOLERANCE` above `FULL_UNKNOWNS` degrees of freedom, and 0 below.
+    `observer`: a function that is called with the time reached, only in a run in all modes.
+    `resume`: a snapshot of the same run, from which it is continued.
+    Raises `MethodError` if a load has no closed form, a switch is not ideal, or the system is too large.
+    Raises `EventStormError` if events follow each other without end.
     """
     max_events = whole("simulate: max_events", max_events)
     pin_fraction = number("simulate: pin_fraction", pin_fraction, positive=True)

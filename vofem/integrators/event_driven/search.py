@@ -18,13 +18,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.event_driven.blocks import add_from_rest, moved_at_once
 from vofem.integrators.event_driven.clusters import Group, group_change, group_rate
 from vofem.kernels.jit import borrowed, jit, plain_form
 from vofem.linalg.exponential import half_turns
 from vofem.linalg.oscillators import CRITICAL, DECAY, DELTA, DIVISOR, FAST, FREQUENCY, ROOT, SQUARE, decays
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 #: A search ends without an event after this much work, so that the run returns to Python. The work of an evaluation is
@@ -495,37 +495,22 @@ def march(
 ) -> tuple[float, int]:  # fmt: skip
     """Return the first time at which an event function becomes positive, and write changes and hits at this time.
 
-    Parameters
-    ----------
-    x : ndarray, shape (ROWS, m)
-        Of the blocks; their description and their states at tau = 0 are given.
-    f : ndarray, shape (FUNCTION_ROWS, k)
-        Of the event functions, which are negative at tau = 0, or zero and falling. Values and constants at tau = 0 are
-        given.
-    rows, sizes : ndarray, shape (k, 2, m)
-        The functions as rows over the blocks, and bounds on the terms of the sums that they are.
-    levels : ndarray of int
-        See `Regime`.
-    pair, gain : ndarray, shapes (r, 3) and (r, 4)
-        See `Blocks`.
-    address : int
-        Of `respond`, see `Response`.
-    loads : int
-        Number of blocks that are loads, the first ones.
-    tail : int
-        Number of blocks whose velocities enter, the first ones: all, or those of the loads.
-    t, duration : float
-        Time of the run at tau = 0, and time from there at which the search ends, s.
-    spare : ndarray, shape (SPARE,)
-        Work space.
-
-    Returns
-    -------
-    tau : float
-        Time of the event in s. If there is no event, it is `duration`, or an earlier time after `SEARCH_WORK`, at which
-        t + tau is exact.
-    evaluations : int
-        Number of evaluations of the functions; without functions 0, and the changes are those after `duration`.
+    `x` (shape (ROWS, m)): of the blocks; their description and their states at tau = 0 are given.
+    `f` (shape (FUNCTION_ROWS, k)): of the event functions, which are negative at tau = 0, or zero and falling. Values
+    and constants at tau = 0 are given.
+    `rows`, `sizes` (shape (k, 2, m)): the functions as rows over the blocks, and bounds on the terms of the sums that
+    they are.
+    `levels`: see `Regime`.
+    `pair`, `gain`: see `Blocks`.
+    `address`: of `respond`, see `Response`.
+    `loads`: number of blocks that are loads, the first ones.
+    `tail`: number of blocks whose velocities enter, the first ones: all, or those of the loads.
+    `t`, `duration`: time of the run at tau = 0, and time from there at which the search ends, s.
+    `spare` (shape (SPARE,)): work space.
+    Returns `tau`: time of the event in s. If there is no event, it is `duration`, or an earlier time after
+    `SEARCH_WORK`, at which t + tau is exact.
+    Returns `evaluations`: number of evaluations of the functions; without functions 0, and the changes are those after
+    `duration`.
     """
     x, f, rows, sizes, levels = borrowed(x), borrowed(f), borrowed(rows), borrowed(sizes), borrowed(levels)
     pair, gain, spare = borrowed(pair), borrowed(gain), borrowed(spare)

@@ -17,6 +17,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.event_driven.bounces import struck
 from vofem.integrators.event_driven.loop import from_blocks, to_blocks
 from vofem.integrators.event_driven.modal_space import ModalSpace
@@ -31,18 +32,11 @@ from vofem.linalg.oscillators import DELTA, SQUARE
 from vofem.linalg.vectors import inner
 from vofem.system import CLOSED, ContactLaws
 
-Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 
 class Perturbation:
-    """A perturbation along a run: free motion between events, and a jump at every event.
-
-    Parameters
-    ----------
-    space : ModalSpace
-    laws : ContactLaws, optional
-    """
+    """A perturbation along a run: free motion between events, and a jump at every event."""
 
     def __init__(self, space: ModalSpace, laws: ContactLaws | None) -> None:
         self._space = space
@@ -79,19 +73,10 @@ class Perturbation:
     def follow(self, statuses: Statuses, record: Record, index: int, growth: Array) -> int:
         """Follow segments in compiled code until a status has no slot.
 
-        Parameters
-        ----------
-        statuses : Statuses
-            Those of the record under loads of any one kind, those without pinned contacts and without groups.
-        index : int
-            The first segment.
-        growth : ndarray, shape (n_segments + 1,)
-            Growth at the ends of segments; filled.
-
-        Returns
-        -------
-        index : int
-            The first segment that was not treated.
+        `statuses`: those of the record under loads of any one kind, those without pinned contacts and without groups.
+        `index`: the first segment.
+        `growth` (shape (n_segments + 1,)): growth at the ends of segments; filled.
+        Returns `index`: the first segment that was not treated.
         """
         rows, none = self._space.contacts, np.zeros(0)
         force, damping = none, none

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem.arrays import Array
 from vofem.laws import ContactLaws, FrictionLaws
 from vofem.laws.friction import DOWN, UP
 from vofem.system import CLOSED, PINNED, System
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from vofem.integrators.event_driven.modal_space import ModalSpace
     from vofem.integrators.event_driven.spectrum import Spectrum
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
@@ -86,25 +86,14 @@ class Anchor(TimeFunction):
 
 
 class Pushes(NamedTuple):
-    """What sliders add to a linear piece, by its loads: e loads, n modes, k sliders.
+    """What sliders add to a linear piece, by its loads: e loads, n modes, k sliders."""
 
-    Attributes
-    ----------
-    sources, rates : ndarray, shape (n, e)
-        Modal forces of the loads' values and rates.
-    carried : ndarray, shape (n, e)
-        Modal displacements that follow the loads: S.
-    reaction : ndarray, shape (held, e)
-        Reactions of everything pinned to the loads' values.
-    anchors : ndarray, shape (k, e)
-        1 for the loads that an anchor is the sum of.
-    """
-
+    #: `sources`, `rates`: modal forces of the loads' values and rates, shape (n, e).
     sources: Array
     rates: Array
-    carried: Array
-    reaction: Array
-    anchors: Array
+    carried: Array  #: Modal displacements that follow the loads: S. Shape (n, e).
+    reaction: Array  #: Reactions of everything pinned to the loads' values, shape (held, e).
+    anchors: Array  #: 1 for the loads that an anchor is the sum of, shape (k, e).
 
 
 class Exits(NamedTuple):
@@ -120,18 +109,9 @@ class Exits(NamedTuple):
 class Sliders:
     """The sliders of a run.
 
-    Parameters
-    ----------
-    group : FrictionLaws
-    contacts, functions : int
-        Numbers of contacts, and of functions of time without those of the anchors.
-
-    Attributes
-    ----------
-    limit, static, stiffness : ndarray, shape (k,)
-        See `FrictionLaw`.
-    rigid : ndarray of bool, shape (k,)
-    anchors : list of Anchor
+    `contacts`, `functions`: numbers of contacts, and of functions of time without those of the anchors.
+    `limit`, `static`, `stiffness` (shape (k,)): see `FrictionLaw`.
+    `rigid` has shape (k,).
     """
 
     def __init__(self, group: FrictionLaws, contacts: int, functions: int) -> None:
@@ -211,14 +191,9 @@ class Sliders:
     ) -> Exits:  # fmt: skip
         """Return the functions that reach zero where a slider changes its status.
 
-        Parameters
-        ----------
-        coordinates, sizes : ndarray, shape (c, 2, M)
-            Rows of all contacts and sliders, and bounds on their terms.
-        velocities : (ndarray, ndarray)
-            Rows of the slip speeds and such bounds, shape (k, 2, M).
-        reaction : (ndarray, ndarray), optional
-            Rows of the reactions of everything pinned, and such bounds.
+        `coordinates`, `sizes` (shape (c, 2, M)): rows of all contacts and sliders, and bounds on their terms.
+        `velocities`: rows of the slip speeds and such bounds, shape (k, 2, M).
+        `reaction`: rows of the reactions of everything pinned, and such bounds.
         """
         first, own, signs = self.first, status[self.first :], self.signs(status)
         held = np.flatnonzero(status == PINNED).tolist()
@@ -252,29 +227,15 @@ class Sliders:
 
 
 class SlidingPiece(NamedTuple):
-    """What a linear piece with sliders is asked beside its motion.
-
-    Attributes
-    ----------
-    sliders : Sliders
-    status : ndarray of int
-    pushes : Pushes
-    forces : ndarray, shape (k, 2M)
-        Friction forces as rows over the states of all blocks.
-    speeds : ndarray, shape (k, 2M)
-        Slip speeds.
-    space : ModalSpace
-    dampers : ndarray, shape (c,)
-        Those of closed contacts, N s/m.
-    """
+    """What a linear piece with sliders is asked beside its motion."""
 
     sliders: Sliders
     status: Integers
     pushes: Pushes
-    forces: Array
-    speeds: Array
+    forces: Array  #: Friction forces as rows over the states of all blocks, shape (k, 2M).
+    speeds: Array  #: Slip speeds, shape (k, 2M).
     space: Any
-    dampers: Array
+    dampers: Array  #: Those of closed contacts, N s/m, shape (c,).
 
     @property
     def moves(self) -> bool:

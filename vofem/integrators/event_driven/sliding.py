@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ConvergenceError, MethodError
 from vofem.integrators.base import ContactSamples, Energies
 from vofem.integrators.event_driven.energy import work_and_dissipation
@@ -25,7 +26,6 @@ from vofem.integrators.event_driven.solution import EventSolution
 from vofem.laws.friction import DOWN, UP
 from vofem.system import CLOSED, PINNED, Counters, Events, State, System
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 #: Most sliders that may be undecided at one time.
@@ -36,24 +36,12 @@ _ZERO = 1e-11
 
 
 class FrictionSamples(NamedTuple):
-    """Sliders at some times, each of shape (n_sliders, n_times).
+    """Sliders at some times, each of shape (n_sliders, n_times)."""
 
-    Attributes
-    ----------
-    force : ndarray
-        Force on a against the slip speed, N.
-    slip_speed : ndarray
-        m/s.
-    status : ndarray of int
-        1 and -1 while it slides up and down, 0 while it sticks.
-    dissipated : ndarray
-        Since t = 0, J.
-    """
-
-    force: Array
-    slip_speed: Array
-    status: Integers
-    dissipated: Array
+    force: Array  #: Force on a against the slip speed, N.
+    slip_speed: Array  #: m/s.
+    status: Integers  #: 1 and -1 while it slides up and down, 0 while it sticks.
+    dissipated: Array  #: Since t = 0, J.
 
 
 class SlidingSolution(EventSolution):
@@ -102,10 +90,7 @@ class SlidingSolution(EventSolution):
     ) -> tuple[Integers, Array]:
         """Return statuses and gaps (elongations of sliders' springs) after an event.
 
-        Parameters
-        ----------
-        triggered : dict of int to int
-            Sliders whose event functions reached zero, as numbers of rows, and where this leads.
+        `triggered`: sliders whose event functions reached zero, as numbers of rows, and where this leads.
         """
         sliders, first = self.sliders, self.contact_count
         status, gaps = status.copy(), gaps.copy()

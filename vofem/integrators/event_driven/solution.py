@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.blas import blas_threads
 from vofem.errors import ArgumentError
 from vofem.integrators.base import (
@@ -36,7 +37,6 @@ from vofem.kernels.mode import as_it_ran, compiled, kernels
 from vofem.laws import initial_status
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Counters, Events, State, System
 
-Array = NDArray[np.float64]
 F = TypeVar("F", bound=Callable[..., Any])
 
 #: Terms of a contact's coordinate over its size, from which on it is a difference of large numbers.
@@ -296,14 +296,10 @@ class EventSolution:
     ) -> Array:
         """Return the gap functions at the begin of a segment.
 
-        Parameters
-        ----------
-        before : ndarray, shape (n_contacts,), optional
-            Those at the end of the segment before; without them they are computed from the displacement.
-        changed : ndarray of bool, shape (n_contacts,), optional
-            Contacts that have just switched.
-        t : float
-            Time in s.
+        `before` (shape (n_contacts,)): those at the end of the segment before; without them they are computed from the
+        displacement.
+        `changed` (shape (n_contacts,)): contacts that have just switched.
+        `t`: time in s.
         """
         laws, rows = self.system.contacts, self.space.contacts
         assert laws is not None
@@ -587,18 +583,9 @@ class EventSolution:
     def elastic_force(self, contact: int, low: Array, high: Array, fractions: Array) -> Array | None:
         """Return the force of an undamped contact on panels in N, shape (n_fractions, n_panels).
 
-        Parameters
-        ----------
-        contact : int
-        low, high : ndarray, shape (n_panels,)
-            Ends of each panel in s; no event happens within.
-        fractions : ndarray, shape (n_fractions,)
-            Places in a panel, from 0 to 1.
-
-        Returns
-        -------
-        ndarray or None
-            None if the contact is not closed; then use `contacts`.
+        `low`, `high` (shape (n_panels,)): ends of each panel in s; no event happens within.
+        `fractions` (shape (n_fractions,)): places in a panel, from 0 to 1.
+        Returns None if the contact is not closed; then use `contacts`.
         """
         laws, record = self.system.contacts, self.record
         assert laws is not None

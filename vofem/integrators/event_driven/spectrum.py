@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.cache import Cache
 from vofem.integrators.event_driven.complex_modes import Blocks, damped_blocks, state_scale
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.linalg.eigen import modes_held, modes_of_strains
 from vofem.system import CLOSED, PINNED, ContactLaws, Counters
 
-Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 #: Ratio of frequencies between two levels of a spectrum.
@@ -39,34 +39,19 @@ class RealModes:
     """Undamped modes of a contact status, expressed in the modes of the contact-free system.
 
     ``diag(omega^2) V + sum_closed K0 c c' V = V diag(p) + Q' N``, where N are the forces in the pinned rows Q.
-
-    Attributes
-    ----------
-    p : ndarray, shape (m,)
-        Squared frequencies, ascending; m is n less the number of pinned contacts.
-    modes : ndarray, shape (n, m), optional
-        Orthonormal columns V; None stands for the identity.
-    pinned : ndarray, shape (k, n)
-        Rows Q of the pinned contacts.
-    force : ndarray, shape (k, m)
-        N.
-    shift : ndarray, shape (n,), optional
-        Modal displacement that puts pinned contacts at their gaps; None where none is pinned.
-    shift_force : ndarray, shape (n,), optional
-        Force that is needed beside the reactions to keep the shift in equilibrium (only if there are rigid motions).
-    shift_reaction : ndarray, shape (k,), optional
-        Reactions to the shift.
-    lifts : (ndarray, ndarray, ndarray), optional
-        The last three for a gap of 1 of one contact each, shapes (n, k), (n, k) and (k, k).
     """
 
-    p: Array
-    modes: Array | None
-    pinned: Array
-    force: Array
+    p: Array  #: Squared frequencies, ascending; m is n less the number of pinned contacts. Shape (m,).
+    modes: Array | None  #: Orthonormal columns V; None stands for the identity. Shape (n, m).
+    pinned: Array  #: Rows Q of the pinned contacts, shape (k, n).
+    force: Array  #: N, shape (k, m).
+    #: Modal displacement that puts pinned contacts at their gaps; None where none is pinned. Shape (n,).
     shift: Array | None = None
+    #: Force that is needed beside the reactions to keep the shift in equilibrium (only if there are rigid motions),
+    #: shape (n,).
     shift_force: Array | None = None
-    shift_reaction: Array | None = None
+    shift_reaction: Array | None = None  #: Reactions to the shift, shape (k,).
+    #: The last three for a gap of 1 of one contact each, shapes (n, k), (n, k) and (k, k).
     lifts: tuple[Array, Array, Array] | None = None
 
     def down(self, vector: Any) -> Any:
@@ -80,24 +65,15 @@ class RealModes:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """The blocks of one contact status, ordered by p, and the maps between modes and blocks.
+    """The blocks of one contact status, ordered by p, and the maps between modes and blocks."""
 
-    Attributes
-    ----------
-    delta, p : ndarray, shape (m,)
-        Decay rate in 1/s and squared frequency in 1/s^2 of each block; see `Blocks` for those of clusters.
-    real : RealModes
-    blocks : Blocks, optional
-        The blocks, if damping couples the real modes.
-    damping : ndarray, shape (m, m), optional
-        Damping matrix of the real modes, if damping couples them.
-    """
-
+    #: `delta`, `p`: decay rate in 1/s and squared frequency in 1/s^2 of each block; see `Blocks` for those of clusters.
+    #: Shape (m,).
     delta: Array
     p: Array
     real: RealModes
-    blocks: Blocks | None = None
-    damping: Array | None = None
+    blocks: Blocks | None = None  #: The blocks, if damping couples the real modes.
+    damping: Array | None = None  #: Damping matrix of the real modes, if damping couples them, shape (m, m).
 
     @cached_property
     def frequency(self) -> Array:
@@ -224,18 +200,8 @@ class Spectrum:
 class Spectra:
     """Eigensystems of the statuses that a run visits, computed when first visited, within a bound on memory.
 
-    Parameters
-    ----------
-    space : ModalSpace
-    laws : ContactLaws, optional
-    counters : Counters
-    cache : Cache
-        Of the system; holds the eigensystems of earlier runs.
-
-    Attributes
-    ----------
-    capacity : int
-        Largest number of eigensystems that are kept; the oldest is dropped first.
+    `cache`: of the system; holds the eigensystems of earlier runs.
+    `capacity`: largest number of eigensystems that are kept; the oldest is dropped first.
     """
 
     def __init__(self, space: ModalSpace, laws: ContactLaws | None, counters: Counters, cache: Cache) -> None:

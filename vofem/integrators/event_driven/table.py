@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from vofem.integrators.event_driven.regime import Regime
 from vofem.kernels.addresses import place_of
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 #: Columns of a table of linear pieces: numbers of event functions, coupled pairs, levels, blocks, blocks of the
@@ -37,18 +36,12 @@ def _parts(regime: Regime) -> list[NDArray | None]:
 class Statuses:
     """A table of linear pieces, one in each slot, to which they are added as they occur.
 
-    Parameters
-    ----------
-    kinds : int
-        Number of kinds of loads.
-
-    Attributes
-    ----------
-    table : ndarray of int, shape (n_slots, _COLUMNS)
-    slots : ndarray of int, shape (n_statuses, n_kinds)
-        Slots of the contact statuses of the record under loads of each kind; -1 for those without.
-    after : ndarray of int, shape (n_statuses, k)
-        The status to which each event function leads; -1 for one that has not occurred yet.
+    `kinds`: number of kinds of loads.
+    `table` has shape (n_slots, _COLUMNS).
+    `slots` (shape (n_statuses, n_kinds)): slots of the contact statuses of the record under loads of each kind; -1 for
+    those without.
+    `after` (shape (n_statuses, k)): the status to which each event function leads; -1 for one that has not occurred
+    yet.
     """
 
     def __init__(self, kinds: int) -> None:

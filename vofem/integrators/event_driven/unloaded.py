@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.event_driven.pinned import Reactions, reactions
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.linalg.oscillators import oscillators
@@ -21,78 +22,49 @@ from vofem.system import CLOSED, OPEN, PINNED, ContactLaws
 if TYPE_CHECKING:
     from vofem.integrators.event_driven.modal_space import ModalSpace
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
 class Exits(NamedTuple):
-    """Event functions, which are negative until an event: k functions over some blocks.
+    """Event functions, which are negative until an event: k functions over some blocks."""
 
-    Attributes
-    ----------
-    rows, sizes : ndarray, shape (k, 2, blocks)
-        The functions as rows over the states of blocks, and bounds on their terms.
-    sign : ndarray, shape (k,)
-        Sign of the gap function that an event function is; 0 for reactions, which are their rows at any time.
-    level : ndarray, shape (k,)
-        Size of the constants in the event functions.
-    owner, leads : ndarray of int, shape (k,)
-        The contact of each event function, and the status to which it leads.
-    """
-
+    #: `rows`, `sizes`: the functions as rows over the states of blocks, and bounds on their terms, shape (k, 2,
+    #: blocks).
     rows: Array
     sizes: Array
+    #: Sign of the gap function that an event function is; 0 for reactions, which are their rows at any time. Shape
+    #: (k,).
     sign: Array
-    level: Array
+    level: Array  #: Size of the constants in the event functions, shape (k,).
+    #: `owner`, `leads`: the contact of each event function, and the status to which it leads, shape (k,).
     owner: Integers
     leads: Integers
 
 
 class Quantities(NamedTuple):
-    """Coordinates of the c contacts without their shift, and after them reactions, from which the exits follow.
+    """Coordinates of the c contacts without their shift, and after them reactions, from which the exits follow."""
 
-    Attributes
-    ----------
-    rows, sizes : ndarray, shape (c + number of pinned contacts, 2, m)
-        Rows over the structure's blocks, and bounds on their terms.
-    number : ndarray of int, shape (k,)
-        The quantity that each exit is.
-    factor, upper : ndarray, shape (k,)
-        Each exit is its quantity times 1 or -1, less a constant.
-    reactions : Reactions, optional
-        Those of the pinned contacts; None where none is pinned.
-    """
-
+    #: `rows`, `sizes`: rows over the structure's blocks, and bounds on their terms, shape (c + number of pinned
+    #: contacts, 2, m).
     rows: Array
     sizes: Array
-    number: Integers
+    number: Integers  #: The quantity that each exit is, shape (k,).
+    #: `factor`, `upper`: each exit is its quantity times 1 or -1, less a constant, shape (k,).
     factor: Array
     upper: Array
-    reactions: Reactions | None
+    reactions: Reactions | None  #: Those of the pinned contacts; None where none is pinned.
 
 
 @dataclass(frozen=True)
 class Unloaded:
-    """A contact status whatever its loads: m blocks, n modes, f functions of time.
-
-    Attributes
-    ----------
-    spectrum : Spectrum
-    space : ModalSpace
-    laws : ContactLaws, optional
-    status : ndarray of int, shape (n_contacts,)
-    vectors : ndarray, shape (f, n)
-        Modal load vectors.
-    row_sizes : ndarray, shape (n_contacts, n)
-        Bounds on the terms that the modal rows of the contacts are summed of.
-    """
+    """A contact status whatever its loads: m blocks, n modes, f functions of time."""
 
     spectrum: Spectrum
     space: ModalSpace
     laws: ContactLaws | None
-    status: Integers
-    vectors: Array
-    row_sizes: Array
+    status: Integers  #: Shape (n_contacts,).
+    vectors: Array  #: Modal load vectors, shape (f, n).
+    row_sizes: Array  #: Bounds on the terms that the modal rows of the contacts are summed of, shape (n_contacts, n).
 
     @cached_property
     def of(self) -> Array:

@@ -11,6 +11,7 @@ from contextlib import nullcontext
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem.arrays import Array
 from vofem.errors import EventStormError
 from vofem.integrators.event_driven.blocks import response
 from vofem.integrators.event_driven.bounces import REST, struck
@@ -32,7 +33,6 @@ from vofem.kernels.mode import kernels
 from vofem.laws.friction import UP
 from vofem.system import CLOSED, OPEN, PINNED
 
-Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 #: Most impacts at one time.
@@ -239,10 +239,8 @@ class Walker:
     def _strike(self, touching: NDArray[np.bool_]) -> None:
         """Let bodies bounce off the rigid stops that they touch, one after the other, until none approaches its stop.
 
-        Parameters
-        ----------
-        touching : ndarray of bool, shape (n_contacts,)
-            Rigid stops without those at which something rests, which join when an impact moves it.
+        `touching` (shape (n_contacts,)): rigid stops without those at which something rests, which join when an impact
+        moves it.
         """
         laws, rows = self._laws, self._rows
         for _ in range(_MOST_AT_ONCE):

@@ -31,14 +31,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.kernels.jit import borrowed, jit, plain_form
 from vofem.laws.law import FIRST, FORCE, Laws, Way, ask, commit_laws, damper_over, force_over, slope_over
 from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.laws.springpot_steps import Springpots, begin_springpots, end_springpots
 from vofem.linalg.banded import factor_in_place, solve, subtract_product
 from vofem.linalg.vectors import copy, fill, inner
-
-Array = NDArray[np.float64]
 
 _MOST = 200
 _EPS = float(np.finfo(float).eps)
@@ -75,16 +74,9 @@ class Numbers(NamedTuple):
 
 
 class Equations(NamedTuple):
-    """What steps need of a system, unknowns in band order.
+    """What steps need of a system, unknowns in band order."""
 
-    Attributes
-    ----------
-    mass, stiffness, damping : ndarray
-        Lower bands; no rows of `damping` where undamped.
-    rows : Rows
-    laws : Laws
-    """
-
+    #: `mass`, `stiffness`, `damping`: lower bands; no rows of `damping` where undamped.
     mass: Array
     stiffness: Array
     damping: Array
@@ -97,140 +89,83 @@ ACTS, HOLDS, PUSHES, ABSENT = range(4)
 
 
 class Rules(NamedTuple):
-    """What rows do over some steps beside laws at fixed places; the steps' rows begin one step of `stride` apart.
+    """What rows do over some steps beside laws at fixed places; the steps' rows begin one step of `stride` apart."""
 
-    Attributes
-    ----------
-    stride : int
-        Rows in `Equations.rows` from one end of a step to the next, up to a step ahead; 0 where no row travels.
-    rates : Rows
-        Rates of the rows.
-    kind : ndarray of int, shape (steps, m)
-    present : ndarray of bool, shape (steps + 1, m)
-        Whether rows find anything at the ends of steps.
-    away : ndarray, shape (m,)
-        Coordinates of laws that find nothing.
-    anchored : ndarray of bool, shape (m,)
-        Whether a row that holds keeps the place where it is, and not its coordinate at zero.
-    push : ndarray, shape (steps, m)
-        Forces of rows that push, N; over the normal force where another law presses.
-    pressing : ndarray of int, shape (m,)
-        Number of the law that presses, -1 for none.
-    springs : ndarray of bool, shape (m,)
-        Laws that know the normal force at both ends of a step, as the last two of five numbers.
-    normal : ndarray, shape (steps + 1, m)
-        These forces where no law presses, N.
-    """
-
+    #: Rows in `Equations.rows` from one end of a step to the next, up to a step ahead; 0 where no row travels.
     stride: int
-    rates: Rows
-    kind: NDArray[np.int64]
-    present: NDArray[np.bool_]
-    away: Array
+    rates: Rows  #: Rates of the rows.
+    kind: NDArray[np.int64]  #: Shape (steps, m).
+    present: NDArray[np.bool_]  #: Whether rows find anything at the ends of steps, shape (steps + 1, m).
+    away: Array  #: Coordinates of laws that find nothing, shape (m,).
+    #: Whether a row that holds keeps the place where it is, and not its coordinate at zero, shape (m,).
     anchored: NDArray[np.bool_]
-    push: Array
-    pressing: NDArray[np.int64]
+    push: Array  #: Forces of rows that push, N; over the normal force where another law presses. Shape (steps, m).
+    pressing: NDArray[np.int64]  #: Number of the law that presses, -1 for none, shape (m,).
+    #: Laws that know the normal force at both ends of a step, as the last two of five numbers, shape (m,).
     springs: NDArray[np.bool_]
-    normal: Array
+    normal: Array  #: These forces where no law presses, N, shape (steps + 1, m).
 
 
 class Size(NamedTuple):
-    """What belongs to a step size.
-
-    Attributes
-    ----------
-    numbers : Numbers
-    factored : ndarray
-        ``A = M + b h cvw C + b h^2 cqw K``, factored.
-    compliance : ndarray or None, shape (m, m)
-        ``B A^-1 B'`` where reactions are found through it.
-    band : ndarray or None
-        A with room for ``B'B`` where reactions are found in the band.
-    """
+    """What belongs to a step size."""
 
     numbers: Numbers
-    factored: Array
-    compliance: Array | None
-    band: Array | None
+    factored: Array  #: ``A = M + b h cvw C + b h^2 cqw K``, factored.
+    compliance: Array | None  #: ``B A^-1 B'`` where reactions are found through it, shape (m, m).
+    band: Array | None  #: A with room for ``B'B`` where reactions are found in the band.
 
 
 class Chunk(NamedTuple):
-    """States before and after some steps, one a row; the first row is given, and `advance` fills the others.
+    """States before and after some steps, one a row; the first row is given, and `advance` fills the others."""
 
-    Attributes
-    ----------
-    q, v, a : ndarray, shape (steps + 1, n)
-        `a` is the mean acceleration over the step before where laws act by mean forces.
-    u, reaction, damper : ndarray, shape (steps + 1, m)
-        Coordinates of the laws; their forces, N, where laws act at ends of steps without dampers that act by means;
-        forces of contact dampers, mean or at the end.
-    past : ndarray, shape (steps + 1, s)
-        Internal variables of laws.
-    pots : ndarray, shape (steps + 1, n_pots, 2)
-        Mean force of springpots over the step, N, and energy stored at its end, J.
-    """
-
+    #: `a` is the mean acceleration over the step before where laws act by mean forces, shape (steps + 1, n).
     q: Array
     v: Array
     a: Array
+    #: `u`, `reaction`, `damper`: coordinates of the laws; their forces, N, where laws act at ends of steps without
+    #: dampers that act by means; forces of contact dampers, mean or at the end. Shape (steps + 1, m).
     u: Array
     reaction: Array
     damper: Array
-    past: Array
+    past: Array  #: Internal variables of laws, shape (steps + 1, s).
+    #: Mean force of springpots over the step, N, and energy stored at its end, J, shape (steps + 1, n_pots, 2).
     pots: Array
 
 
 class Work(NamedTuple):
-    """Work space of steps of n unknowns and m laws.
+    """Work space of steps of n unknowns and m laws."""
 
-    Attributes
-    ----------
-    right, x, p, some, step : ndarray, shape (n,)
-        Residual, correction of w, mean rate of displacement, scratch, and a step of Newton's method.
-    base, rate : ndarray, shape (m,)
-        Coordinates of the laws, and their rates, at the end of the step for the guess of w.
-    free, held : ndarray, shape (m,)
-        ``b_j.x`` without reactions, and reactions that the residual holds already.
-    found : ndarray, shape (m,)
-        Reactions.
-    y, force, slope, change, move, solution : ndarray, shape (m,)
-    kind : ndarray of int, shape (m,)
-        What the rows do in the step.
-    per, target, best : ndarray, shape (m,)
-        Rise of coordinates with ``b_j.x``, held coordinates or the forces of rows that push, and the best forces.
-    reach : ndarray, shape (m, m)
-        Fall of coordinates by unit forces, where rows are of several kinds.
-    active : ndarray of int, shape (m,)
-        Numbers of the laws that act.
-    matrix : ndarray, shape (m, m)
-    band : ndarray
-        In the shape of `Size.band`.
-    """
-
+    #: `right`, `x`, `p`, `some`, `step`: residual, correction of w, mean rate of displacement, scratch, and a step of
+    #: Newton's method, shape (n,).
     right: Array
     x: Array
     p: Array
     some: Array
     step: Array
+    #: `base`, `rate`: coordinates of the laws, and their rates, at the end of the step for the guess of w, shape (m,).
     base: Array
     rate: Array
+    #: ``b_j.x`` without reactions, and reactions that the residual holds already, shape (m,).
     free: Array
     held: Array
-    found: Array
+    found: Array  #: Reactions, shape (m,).
+    #: `y`, `force`, `slope`, `change`, `move`, `solution`: shape (m,).
     y: Array
     force: Array
     slope: Array
     change: Array
     move: Array
     solution: Array
-    active: NDArray[np.int64]
-    matrix: Array
-    band: Array
-    kind: NDArray[np.int64]
+    active: NDArray[np.int64]  #: Numbers of the laws that act, shape (m,).
+    matrix: Array  #: Shape (m, m).
+    band: Array  #: In the shape of `Size.band`.
+    kind: NDArray[np.int64]  #: What the rows do in the step, shape (m,).
+    #: `per`, `target`, `best`: rise of coordinates with ``b_j.x``, held coordinates or the forces of rows that push,
+    #: and the best forces, shape (m,).
     per: Array
     target: Array
     best: Array
-    reach: Array
+    reach: Array  #: Fall of coordinates by unit forces, where rows are of several kinds, shape (m, m).
 
 
 def work_space(n: int, m: int, size: Size) -> Work:
@@ -343,31 +278,16 @@ def advance(
 
     Arguments that may be None come separately, because numba leaves out code for arguments that are None.
 
-    Parameters
-    ----------
-    equations : Equations
-    numbers, factored, compliance, band
-        The fields of `Size`.
-    dampers : bool
-        Whether a law has a damper.
-    pots : Springpots or None
-    drift : ndarray or None, shape (2, steps + 2, m)
-        What is added to the laws' coordinates ``b.q`` at the ends of steps, and one step ahead, m, and its rates.
-    rules : Rules or None
-        What rows do that are no laws at fixed places; not without `drift`.
-    force : ndarray, shape (steps, n)
-        Loads in the balance of every step; no rows where there are none.
-    shift : ndarray, shape (steps, n)
-        Mean velocity less the mean rate of displacement, m/s; no rows where it is zero.
-    earlier : ndarray, shape (n,)
-        Mean acceleration over the step before that before the first one.
-    chunk : Chunk
-    work : Work
-
-    Returns
-    -------
-    taken, solves : int
-        Number of steps, fewer than asked for where the next one has no solution; and of those in which a law acted.
+    `numbers`, `factored`, `compliance`, `band`: the fields of `Size`.
+    `dampers`: whether a law has a damper.
+    `drift` (shape (2, steps + 2, m)): what is added to the laws' coordinates ``b.q`` at the ends of steps, and one step
+    ahead, m, and its rates.
+    `rules`: what rows do that are no laws at fixed places; not without `drift`.
+    `force` (shape (steps, n)): loads in the balance of every step; no rows where there are none.
+    `shift` (shape (steps, n)): mean velocity less the mean rate of displacement, m/s; no rows where it is zero.
+    `earlier` (shape (n,)): mean acceleration over the step before that before the first one.
+    Returns `taken, solves`: number of steps, fewer than asked for where the next one has no solution; and of those in
+    which a law acted.
     """
     mass, stiffness, damping, rows, laws = borrowed(equations)
     chunk, work, factored = borrowed(chunk), borrowed(work), borrowed(factored)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array, IntArray
 from vofem.integrators.base import Energies, ProbeRows, Samples, SpringSamples
 from vofem.integrators.observer import Observer, Snapshot, deferred_interrupts
 from vofem.integrators.stepped import SteppedSolution
@@ -15,9 +15,6 @@ from vofem.integrators.stepping.record import Record
 from vofem.integrators.stepping.run import Run
 from vofem.system import Events
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
 
 def march(
     run: Run, out: Record, notes: list[str], dt: float, *, first_energy: float, blow_up: float,
@@ -25,27 +22,12 @@ def march(
 ) -> SteppedSolution:  # fmt: skip
     """Run to the end, or until interrupted, and return the solution.
 
-    Parameters
-    ----------
-    run : Run
-    out : Record
-    notes : list of str
-    dt : float
-        Size of a step, s.
-    first_energy : float
-        At t = 0, in the method's own form and without hysteretic springs, J.
-    blow_up : float
-        Energy that no load has supplied, over the largest energy, that ends a run.
-    observer : callable, optional
-    resume : dict, optional
-        A snapshot of the same run, from which to go on.
-    probes : ProbeRows, optional
-        Points that are recorded at every step.
-
-    Raises
-    ------
-    InstabilityError
-        If energy grows beyond what the loads can have done, or a state is no longer finite.
+    `dt`: size of a step, s.
+    `first_energy`: at t = 0, in the method's own form and without hysteretic springs, J.
+    `blow_up`: energy that no load has supplied, over the largest energy, that ends a run.
+    `resume`: a snapshot of the same run, from which to go on.
+    `probes`: points that are recorded at every step.
+    Raises `InstabilityError` if energy grows beyond what the loads can have done, or a state is no longer finite.
     """
     system, counters, start, t_end = run.system, run.counters, run.start, run.t_end
     in_springs = run.in_springs(out)[0]

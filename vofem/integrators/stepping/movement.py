@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.laws import LawGroup
 from vofem.laws.moving import Rider
 from vofem.laws.rows import Rows, compressed
@@ -14,23 +15,15 @@ from vofem.laws.rows import Rows, compressed
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-Array = NDArray[np.float64]
-
 
 class Movement:
     """The rows and offsets of laws by time, ``u = b(t).q + g(t)``, unknowns in band order.
 
-    Attributes
-    ----------
-    rest : csr_matrix, shape (m, n)
-        The part of the rows that does not travel.
-    travels : bool
-        Whether any row travels.
-    tied : ndarray of bool, shape (m,)
-    away : ndarray, shape (m,)
-        Coordinates of laws that find nothing.
-    of_contacts : Moving or None
-        What moves contacts.
+    `rest` (shape (m, n)): the part of the rows that does not travel.
+    `travels`: whether any row travels.
+    `tied` has shape (m,).
+    `away` (shape (m,)): coordinates of laws that find nothing.
+    `of_contacts`: what moves contacts.
     """
 
     def __init__(self, groups: tuple[LawGroup, ...], rest: csr_matrix, order: NDArray[np.int64]) -> None:

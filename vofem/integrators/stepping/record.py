@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array, IntArray
 from vofem.integrators.base import ProbeRows, ProbeSamples
 from vofem.integrators.stepped import interpolated
 from vofem.integrators.stepping.checks import check_contacts
@@ -18,9 +19,6 @@ from vofem.kernels.jit import jit
 from vofem.laws.law import FORCE, HISTORY, LOSS, START, STORED, Laws, ask, commit_laws
 from vofem.laws.moving import Moving
 from vofem.system import CLOSED, OPEN, ContactLaws
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Gap functions are known to this many units of rounding of the displacements and gaps of the scene.
 _ROUNDING = 64.0 * float(np.finfo(float).eps)
@@ -96,15 +94,10 @@ class Path:
 class Switches:
     """The status of contacts from step to step.
 
-    Attributes
-    ----------
-    status : ndarray of int, shape (n_contacts,)
-        After the last step.
-    size : float
-        Largest sum of displacements and gap of any contact so far, m. Displacements are known to the rounding of it,
-        and so are gap functions.
-    log : list of ndarray, shape (n_events, 3)
-        Time, contact and status entered of the events.
+    `status` (shape (n_contacts,)): after the last step.
+    `size`: largest sum of displacements and gap of any contact so far, m. Displacements are known to the rounding of
+    it, and so are gap functions.
+    `log` (shape (n_events, 3)): time, contact and status entered of the events.
     """
 
     def __init__(self, laws: ContactLaws | None, rows: Any, status: IntArray) -> None:
@@ -157,30 +150,19 @@ class Switches:
 class Record:
     """What is recorded of a run: states at wanted times, points at every step, and the checks of the run.
 
-    Attributes
-    ----------
-    times : ndarray, shape (n_times,)
-        Times at which states are stored, s.
-    wanted : ndarray of bool, shape (n_times,)
-        Times at which results are wanted; the others serve the checks of the run.
-    q, v, a : ndarray, shape (n_times, n)
-        In band order.
-    work, dissipated : ndarray, shape (n_times,)
-        Totals, J.
-    histories : ndarray, shape (3, n_laws, n_times)
-        Force, stored energy and loss of the hysteretic laws and, last, of the springpots.
-    past : ndarray, shape (size,)
-        Internal variables of the laws at the last `wanted` time.
-    cursor : int
-        Number of times that are stored.
-    contact_checks : ndarray, shape (n_contacts, 11)
-        What the checks of the run know of every contact, see `checks`.
-    total : ndarray, shape (2 + n_pots,)
-        Work of the loads, what dampers took, and the work of each springpot at the last state that is complete, J.
-    most : float
-        Largest sum of the first two so far, J.
-    points : list of ndarray
-        Time, q, v and a of points, in pieces.
+    `times` (shape (n_times,)): times at which states are stored, s.
+    `wanted` (shape (n_times,)): times at which results are wanted; the others serve the checks of the run.
+    `q`, `v`, `a` (shape (n_times, n)): in band order.
+    `work`, `dissipated` (shape (n_times,)): totals, J.
+    `histories` (shape (3, n_laws, n_times)): force, stored energy and loss of the hysteretic laws and, last, of the
+    springpots.
+    `past` (shape (size,)): internal variables of the laws at the last `wanted` time.
+    `cursor`: number of times that are stored.
+    `contact_checks` (shape (n_contacts, 11)): what the checks of the run know of every contact, see `checks`.
+    `total` (shape (2 + n_pots,)): work of the loads, what dampers took, and the work of each springpot at the last
+    state that is complete, J.
+    `most`: largest sum of the first two so far, J.
+    `points`: time, q, v and a of points, in pieces.
     """
 
     def __init__(
@@ -240,13 +222,8 @@ class Record:
 
         Where laws act by means a state is complete, for its acceleration, when the step after it is done.
 
-        Parameters
-        ----------
-        path : Path
-        means, explicit : bool
-            Of the method.
-        pots_row : int
-            Number of the first springpot among all laws.
+        `means`, `explicit`: of the method.
+        `pots_row`: number of the first springpot among all laws.
         """
         last = path.filled - (1 if means else 0)
         if last < (1 if self._begun else 0) or (not self._begun and path.filled == 0):

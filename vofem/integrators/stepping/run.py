@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array, IntArray
 from vofem.errors import ConvergenceError, InstabilityError
 from vofem.integrators.base import ProbeRows, Samples
 from vofem.integrators.damping_matrix import damping_matrix
@@ -44,8 +44,6 @@ from vofem.system import CLOSED, Counters, State, System
 if TYPE_CHECKING:
     from vofem.integrators.stepping.sliding import Sliders
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Relative loss of static responses to rounding above which rounding is named as the cause of a blow-up.
 _SPOILT = 1e-3
@@ -669,12 +667,8 @@ class Run:
 class EqualSteps(Run):
     """A run of equal steps, taken in chunks.
 
-    Attributes
-    ----------
-    done : int
-        Steps that were taken. Where laws act by means there is one beyond the end.
-    nodes : ndarray, optional
-        What stands for the loads' values at the end of the last step.
+    `done`: steps that were taken. Where laws act by means there is one beyond the end.
+    `nodes`: what stands for the loads' values at the end of the last step.
     """
 
     place = (*Run.place, "done", "nodes")
@@ -702,10 +696,7 @@ class EqualSteps(Run):
     def advance(self, out: Record) -> None:
         """Take some steps.
 
-        Raises
-        ------
-        ConvergenceError
-            Where a step has no solution.
+        Raises `ConvergenceError` where a step has no solution.
         """
         dt, first, scheme, path = self.dt, self.done, self.scheme, self.path
         count = min(self._most, self.steps_in_all - first)

@@ -5,28 +5,19 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.stepping.kernel import Numbers, Size
-
-Array = NDArray[np.float64]
 
 
 class Scheme(NamedTuple):
-    """The numbers that make the steps of `kernel` those of a method.
-
-    Attributes
-    ----------
-    alpha_m, alpha_f, gamma, beta : float
-    mean : bool
-        Whether laws act by their mean forces over a step, and not by those at its end.
-    """
+    """The numbers that make the steps of `kernel` those of a method."""
 
     alpha_m: float
     alpha_f: float
     gamma: float
     beta: float
-    mean: bool = False
+    mean: bool = False  #: Whether laws act by their mean forces over a step, and not by those at its end.
 
     @property
     def explicit(self) -> bool:
@@ -54,19 +45,13 @@ class Scheme(NamedTuple):
 
 
 class Forcing(NamedTuple):
-    """Loads over some steps: combinations of the vectors in `Loaded`.
+    """Loads over some steps: combinations of the vectors in `Loaded`."""
 
-    Attributes
-    ----------
-    values, means : ndarray, shape (steps, 2 n_loads)
-        Of the loads and of what they move within steps: in the balance of a step, and over it.
-    first : ndarray, shape (steps, n_loads)
-        First moments over the steps, used where laws act by means.
-    """
-
+    #: `values`, `means`: of the loads and of what they move within steps: in the balance of a step, and over it. Shape
+    #: (steps, 2 n_loads).
     values: Array
     means: Array
-    first: Array
+    first: Array  #: First moments over the steps, used where laws act by means, shape (steps, n_loads).
 
     def at(self, k: int) -> Forcing:
         """Return the loads of one step, which hold in parts of it too: without their first moments."""
@@ -74,18 +59,10 @@ class Forcing(NamedTuple):
 
 
 class Loaded(NamedTuple):
-    """What loads do in steps of one size: a step's matrix and its answers to load vectors F.
-
-    Attributes
-    ----------
-    size : Size
-    loads : ndarray, shape (2 n_loads, n)
-        F and ``K A^-1 F``.
-    shift, inertia : ndarray, shape (n_loads, n)
-        ``dt A^-1 F`` and M times it.
-    """
+    """What loads do in steps of one size: a step's matrix and its answers to load vectors F."""
 
     size: Size
-    loads: Array
+    loads: Array  #: F and ``K A^-1 F``, shape (2 n_loads, n).
+    #: ``dt A^-1 F`` and M times it, shape (n_loads, n).
     shift: Array
     inertia: Array

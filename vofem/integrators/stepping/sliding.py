@@ -17,6 +17,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.integrators.slider_history import SliderHistory
 from vofem.integrators.stepping.kernel import ACTS, HOLDS, PUSHES, Equations
 from vofem.integrators.stepping.record import Path
@@ -27,7 +28,6 @@ from vofem.linalg.banded import factor, solve
 from vofem.system import System
 from vofem.time_functions import TimeFunction
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _MOST, _EPS = 100, float(np.finfo(float).eps)
@@ -59,54 +59,28 @@ class Run(Protocol):
 
 
 class Held(NamedTuple):
-    """What sliders have beside the state of the structure; each array of shape (k,), k the number of sliders.
+    """What sliders have beside the state of the structure; each array of shape (k,), k the number of sliders."""
 
-    Attributes
-    ----------
-    status : ndarray of int
-        1 or -1 for the direction in which a rigid slider slides, 0 while it sticks, and for others.
-    share : ndarray
-        Force over the largest while the slider sticks, in the last step.
-    released : ndarray of bool
-        Whether the slider breaks away now.
-    jumps : ndarray
-        What sliders have taken between two steps, where their sliding ended, J.
-    work : float
-        Work of belts between two steps, J.
-    balance : float
-        Time of balance of the last step, s, to which its forces belong.
-    """
-
-    status: Integers
-    share: Array
-    released: NDArray[np.bool_]
-    jumps: Array
-    work: float = 0.0
-    balance: float = 0.0
+    status: Integers  #: 1 or -1 for the direction in which a rigid slider slides, 0 while it sticks, and for others.
+    share: Array  #: Force over the largest while the slider sticks, in the last step.
+    released: NDArray[np.bool_]  #: Whether the slider breaks away now.
+    jumps: Array  #: What sliders have taken between two steps, where their sliding ended, J.
+    work: float = 0.0  #: Work of belts between two steps, J.
+    balance: float = 0.0  #: Time of balance of the last step, s, to which its forces belong.
 
 
 class Sliders:
     """The sliders of a run, and what was recorded of them.
 
-    Attributes
-    ----------
-    rows : slice
-        Their places among the rows of all laws, which they end.
-    rigid : ndarray of bool, shape (k,)
-    pressing : ndarray of int, shape (k,)
-        Numbers of the contacts that press, -1 for none.
-    varying : ndarray of bool, shape (k,)
-        Whether the normal force is not constant.
-    chosen, special, belts : bool
-        Whether statuses have to be found, as for rigid sliders, whether rows other than laws are needed, and whether
-        there are belts.
-    now : Held
-    log : list of ndarray, shape (6, k)
-        After every step: the quantities of `SliderSamples`.
-    times : list of float
-        Ends of these steps, s.
-    turns : list of (float, int, int)
-        Time, slider, and 0 where sliding ends, 1 where sticking ends.
+    `rows`: their places among the rows of all laws, which they end.
+    `rigid` has shape (k,).
+    `pressing` (shape (k,)): numbers of the contacts that press, -1 for none.
+    `varying` (shape (k,)): whether the normal force is not constant.
+    `chosen`, `special`, `belts`: whether statuses have to be found, as for rigid sliders, whether rows other than laws
+    are needed, and whether there are belts.
+    `log` (shape (6, k)): after every step: the quantities of `SliderSamples`.
+    `times`: ends of these steps, s.
+    `turns`: time, slider, and 0 where sliding ends, 1 where sticking ends.
     """
 
     def __init__(self, system: System, laws: LawSet, rows: Any, q: Array, v: Array) -> None:
@@ -306,15 +280,8 @@ class Sliders:
     def take(self, run: Run, path: Path, h: float, end: float, forcing: Forcing, fixed: Integers | None = None) -> bool:
         """Fill the next row of a path by a step in which statuses agree with forces; return whether there is one.
 
-        Parameters
-        ----------
-        run : Run
-        path : Path
-        h, end : float
-            Size of the step and its end, s.
-        forcing : Forcing
-        fixed : ndarray of int, shape (k,), optional
-            The statuses, if they are known.
+        `h`, `end`: size of the step and its end, s.
+        `fixed` (shape (k,)): the statuses, if they are known.
         """
         row, chunk, now, mean = path.filled, path.chunk, self.now, run.scheme.mean
         slip = self.slip(chunk.v[row], end - h)

@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vofem._validate import array, whole
+from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.errors import ArgumentError, ConvergenceError, EventStormError, MethodError
 from vofem.integrators.event_driven.flow import Start, flow, modal_state, modes_of
@@ -36,8 +37,6 @@ from vofem.studies.steady.shooting import orbit_result, shooting_refusal
 from vofem.studies.steady.special import SpecialPoint
 from vofem.system import State, System
 
-Array = NDArray[np.float64]
-
 #: Steps of Newton's method, and the residual that is small enough.
 _STEPS, _TOLERANCE = 12, 1e-14
 
@@ -53,15 +52,9 @@ _SOFT, _HARDER = 1e-3, 2.0
 
 @dataclass(frozen=True)
 class _Level:
-    """The measure of the size of an oscillation: its energy, or the displacement of one degree of freedom at rest.
+    """The measure of the size of an oscillation: its energy, or the displacement of one degree of freedom at rest."""
 
-    Attributes
-    ----------
-    dof : int
-        Number of the degree of freedom; -1 for the energy.
-    """
-
-    dof: int
+    dof: int  #: Number of the degree of freedom; -1 for the energy.
 
     def of(self, search: _Search, z: Array, *, linear: bool = False) -> tuple[float, Array]:
         """Return the level of a modal displacement at rest and its derivative, (n,), without contacts if `linear`."""
@@ -345,14 +338,8 @@ class _Search:
     def speeds(self, y: Array) -> tuple[Array, Array]:
         """Return the modal velocities after half a period over the speed of the motion, and their derivative.
 
-        Parameters
-        ----------
-        y : ndarray, shape (n + 1,)
-            Modal displacement at rest, and half the period in s.
-
-        Returns
-        -------
-        ndarray, shape (n,), and ndarray, shape (n, n + 1)
+        `y` (shape (n + 1,)): modal displacement at rest, and half the period in s.
+        Returns an array of shape (n,).
         """
         # Levels do not change the motion, so that derivatives by the level ask for the same one again.
         if self._latest is not None and np.array_equal(self._latest[0], y):
@@ -420,19 +407,13 @@ _UNDECIDED = 1e-6
 
 @dataclass(frozen=True)
 class _Evaluation:
-    """The equations of a free oscillation; an `Evaluation`.
+    """The equations of a free oscillation; an `Evaluation`."""
 
-    Attributes
-    ----------
-    residual : ndarray, shape (n + 1,)
-        Velocities after half a period over the speed of the motion, and one minus the wanted level over the level.
-    jacobian : ndarray, shape (n + 1, n + 1)
-    scales : ndarray, shape (n + 1,)
-    """
-
+    #: Velocities after half a period over the speed of the motion, and one minus the wanted level over the level, shape
+    #: (n + 1,).
     residual: Array
-    jacobian: Array
-    scales: Array
+    jacobian: Array  #: Shape (n + 1, n + 1).
+    scales: Array  #: Shape (n + 1,).
     size: float = 1.0
     multipliers: None = None
 

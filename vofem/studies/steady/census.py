@@ -8,11 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Complex
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.point import Point
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: A function of an orbit whose value changes its sign at a special point.
 Test = Callable[[Point], float]
@@ -28,21 +26,11 @@ _RECIPROCAL = 1e-12
 
 
 class Census(NamedTuple):
-    """Numbers of multipliers outside the unit circle.
+    """Numbers of multipliers outside the unit circle."""
 
-    Attributes
-    ----------
-    plus : int
-        Number of real multipliers above 1.
-    minus : int
-        Number of real multipliers below -1.
-    pairs : int
-        Number of pairs of complex multipliers.
-    """
-
-    plus: int
-    minus: int
-    pairs: int
+    plus: int  #: Number of real multipliers above 1.
+    minus: int  #: Number of real multipliers below -1.
+    pairs: int  #: Number of pairs of complex multipliers.
 
 
 def multipliers(point: Point) -> Complex | None:
@@ -169,12 +157,8 @@ def counted(which: int, middle: float) -> Test:
     Its sign says whether more multipliers than a given number lie outside the circle. Its size is the distance of the
     nearest one from the circle.
 
-    Parameters
-    ----------
-    which : int
-        Entry of `Census`.
-    middle : float
-        The given number, which lies between two whole numbers.
+    `which`: entry of `Census`.
+    `middle`: the given number, which lies between two whole numbers.
     """
 
     def test(point: Point) -> float:

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import MethodError
 from vofem.integrators.base import Truncation
 from vofem.integrators.event_driven.flow import modes_of
@@ -28,8 +28,6 @@ from vofem.result import Result
 from vofem.scene import Scene
 from vofem.studies.steady.orbit import TIMES, OrbitTruncation
 from vofem.system import Counters, State, System
-
-Array = NDArray[np.float64]
 
 #: Number of degrees of freedom up to which all modes are used.
 FULL = 200
@@ -66,22 +64,13 @@ def first_count(system: System) -> int:
 
 @dataclass(frozen=True)
 class Condensed:
-    """A system in a few vectors.
+    """A system in a few vectors."""
 
-    Attributes
-    ----------
-    full, system : System
-        The system with all degrees of freedom, and the system in the vectors.
-    vectors : ndarray, shape (n, count)
-        M-orthonormal.
-    rounding : float
-        Relative difference of static responses between two orders of elimination.
-    """
-
+    #: `full`, `system`: the system with all degrees of freedom, and the system in the vectors.
     full: System
     system: System
-    vectors: Array
-    rounding: float
+    vectors: Array  #: M-orthonormal, shape (n, count).
+    rounding: float  #: Relative difference of static responses between two orders of elimination.
 
     def lift(self, state: State) -> State:
         """Return a state over the free degrees of freedom."""
@@ -123,10 +112,7 @@ class Condensed:
     def truncation(self, duration: float, error: float | None) -> OrbitTruncation:
         """Return the error of an orbit of some duration in s by the modes that are left out.
 
-        Parameters
-        ----------
-        error : float, optional
-            Relative change of displacements by doubling the vectors, where it is known.
+        `error`: relative change of displacements by doubling the vectors, where it is known.
         """
         lowest = self.lowest_left_out
         largest = float(np.exp(-slowest_decay(self.full, lowest) * duration))
@@ -144,10 +130,7 @@ class Condensed:
 def condensed(full: System, count: int, earlier: Condensed | None) -> Condensed:
     """Return a system in a number of vectors; those of an earlier system where both are equal.
 
-    Raises
-    ------
-    MethodError
-        If rounding spoils the static responses of the mesh.
+    Raises `MethodError` if rounding spoils the static responses of the mesh.
     """
     if (
         earlier is not None

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.between import Step, point_between
@@ -37,8 +36,6 @@ from vofem.studies.steady.newton import solved
 from vofem.studies.steady.point import TOLERANCE, Interval, Point, derivative_by_value, tangent_at
 from vofem.studies.steady.shorter import at_flip, repeats
 from vofem.studies.steady.special import SpecialPoint, special_at
-
-Array = NDArray[np.float64]
 
 #: A share of a step and the value of a test there.
 _Place = tuple[float, float]
@@ -99,14 +96,7 @@ class _Part:
 
 
 def crossings(family: Family, step: Step, interval: Interval) -> list[SpecialPoint]:
-    """Return the special points of a step, in the order of the branch, that can be found from its two ends.
-
-    Parameters
-    ----------
-    family : Family
-    step : Step
-    interval : Interval
-    """
+    """Return the special points of a step, in the order of the branch, that can be found from its two ends."""
     shorter = repeats(step.first, step.last)
     if shorter is not None:
         at = root(family, step, interval, shorter)
@@ -123,18 +113,8 @@ def hidden(
     Along the three orbits at the ends of both steps every function that vanishes at a special point is compared with a
     parabola. Where this comes near zero without reaching it at any of the three, the lowest value is searched.
 
-    Parameters
-    ----------
-    family : Family
-    interval : Interval
-    steps : (Step, Step)
-    known : (set of str, set of str)
-        Kinds of special points that have been found in each of them, which are not searched again.
-
-    Returns
-    -------
-    list of SpecialPoint, list of SpecialPoint
-        The special points of each of the two steps.
+    `known`: kinds of special points that have been found in each of them, which are not searched again.
+    Returns the special points of each of the two steps.
     """
     found: tuple[list[SpecialPoint], list[SpecialPoint]] = ([], [])
     for kinds, test in _tests(steps[0].last):
@@ -326,10 +306,7 @@ def _exact(family: Family, interval: Interval, point: Point) -> Point:
 def _lowest(family: Family, interval: Interval, steps: tuple[Step, Step], test: Test) -> float | None:
     """Return where a test has another sign than at the ends of two steps that agree in it; None if there is none.
 
-    Returns
-    -------
-    float, optional
-        From -1 to 0 in the first step, up to 1 in the second one, each in proportion to its length.
+    Returns from -1 to 0 in the first step, up to 1 in the second one, each in proportion to its length.
     """
     first, second = steps
     lengths = first.length, second.length
@@ -365,10 +342,7 @@ def _lowest(family: Family, interval: Interval, steps: tuple[Step, Step], test: 
 def _next(known: dict[float, float]) -> float | None:
     """Return the next place at which a negative value is searched between positive ones; None if there seems none.
 
-    Parameters
-    ----------
-    known : dict
-        Values by place.
+    `known`: values by place.
     """
     found = _vertex(known)
     if not np.isfinite(found.depth):

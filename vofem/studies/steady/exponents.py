@@ -12,9 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import number, whole
+from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.errors import ArgumentError, MethodError
 from vofem.integrators.event_driven.flow import Start, flow, modal_state, modes_of
@@ -23,8 +23,6 @@ from vofem.studies.steady.condensed import Condensed, condensed, reduced, slowes
 from vofem.studies.steady.loads import load_period
 from vofem.studies.steady.shooting import shooting_refusal
 from vofem.system import Counters, State, System
-
-Array = NDArray[np.float64]
 
 #: Stretches of time where no load sets a period, and at least; parts of the run from whose exponents the error is
 #: estimated.

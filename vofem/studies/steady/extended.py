@@ -24,13 +24,11 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array, Complex
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.newton import direction
 from vofem.studies.steady.orbit import PeriodicOrbit
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: Steps of differences along the null vector and by the parameter, relative to their scales.
 _ALONG, _BY_VALUE = 1e-5, 1e-6
@@ -61,29 +59,15 @@ class _Test(NamedTuple):
 
 @dataclass(frozen=True)
 class ExtendedEvaluation:
-    """The equations of a special orbit.
+    """The equations of a special orbit."""
 
-    Attributes
-    ----------
-    orbit : Evaluation
-        That of the orbit.
-    residual : ndarray, shape (m,)
-    jacobian : ndarray, shape (m, m)
-        Empty without derivatives.
-    error : float
-        The larger of the orbit's error and of the condition's weighted residual.
-    bend : float
-        Second derivative of the equations along the null vector, on the left null vector: zero at a cusp of folds.
-    critical : tuple of complex
-        The multipliers that make the orbit special.
-    """
-
-    orbit: Any
-    residual: Array
-    jacobian: Array
-    error: float
+    orbit: Any  #: That of the orbit.
+    residual: Array  #: Shape (m,).
+    jacobian: Array  #: Empty without derivatives, shape (m, m).
+    error: float  #: The larger of the orbit's error and of the condition's weighted residual.
+    #: Second derivative of the equations along the null vector, on the left null vector: zero at a cusp of folds.
     bend: float = np.nan
-    critical: tuple[complex, ...] = ()
+    critical: tuple[complex, ...] = ()  #: The multipliers that make the orbit special.
 
     @property
     def size(self) -> float:
@@ -136,18 +120,11 @@ class Extended:
 
     The parameter along which a locus is followed comes last, as in every `Point`, and is no coordinate.
 
-    Parameters
-    ----------
-    inner : OriginChart or Signature
-        Coordinates of the orbits.
-    family : Family
-        Orbits over two parameters.
-    kind : str
-        As in `SpecialPoint`.
-    size : float
-        Scale of `value`.
-    held : int
-        Number of the switch that ends the touch of length zero of a grazing.
+    `inner`: coordinates of the orbits.
+    `family`: orbits over two parameters.
+    `kind`: as in `SpecialPoint`.
+    `size`: scale of `value`.
+    `held`: number of the switch that ends the touch of length zero of a grazing.
     """
 
     def __init__(self, inner: Any, family: Family, kind: str, size: float, held: int = -1) -> None:

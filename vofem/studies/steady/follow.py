@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import BranchCounters
@@ -21,8 +21,6 @@ from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.signature import Signature
 from vofem.studies.steady.special import SpecialPoint, special_at
 from vofem.studies.steady.touching import Passage, ending, passage, what_contacts_do
-
-Array = NDArray[np.float64]
 
 #: First, largest and least step in scaled coordinates.
 FIRST, LARGEST, LEAST = 0.01, 0.1, 1e-10
@@ -56,42 +54,23 @@ _AGAIN = 1e-2
 
 @dataclass
 class Track:
-    """The part of a branch that has been followed.
-
-    Attributes
-    ----------
-    points : list of Point
-    steps : list of Step or None
-        The steps from each point to the next; None if both are one orbit in other coordinates.
-    special : list of SpecialPoint
-    notes : list of str
-    interrupted : bool
-        Whether Ctrl-C was pressed.
-    """
+    """The part of a branch that has been followed."""
 
     points: list[Point] = field(default_factory=list)
+    #: The steps from each point to the next; None if both are one orbit in other coordinates.
     steps: list[Step | None] = field(default_factory=list)
     special: list[SpecialPoint] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
-    interrupted: bool = False
+    interrupted: bool = False  #: Whether Ctrl-C was pressed.
 
 
 class Follower:
     """Follows a branch.
 
-    Parameters
-    ----------
-    family : Family
-    interval : Interval
-    counters : BranchCounters
-    largest : float
-        Step.
-    most : int
-        Points.
-    seconds : float, optional
-        Time after which the walk ends.
-    noun : str
-        What is followed, for notes.
+    `largest`: step.
+    `most`: points.
+    `seconds`: time after which the walk ends.
+    `noun`: what is followed, for notes.
     """
 
     def __init__(

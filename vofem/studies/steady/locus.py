@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import number, whole
+from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.errors import ArgumentError, ConvergenceError, MethodError
 from vofem.progress import Progress
@@ -28,8 +28,6 @@ from vofem.studies.steady.point import ORIGIN, Interval, Point, corrected
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.special import KINDS, SpecialPoint, special_at
 from vofem.studies.steady.steady_state import as_guess
-
-Array = NDArray[np.float64]
 
 #: Relative difference of `value` up to which the first point is the given special point.
 _SAME = 1e-6

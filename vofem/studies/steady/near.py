@@ -8,15 +8,13 @@ over an orbit, and the next run decides the signature anew.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.flow import Flow, Start
 from vofem.studies.steady.newton import ROUNDING, Solved, direction
 from vofem.studies.steady.shooting import Shooting, relative
 from vofem.studies.steady.signature import Signature, SignatureEvaluation, signature_of
-
-Array = NDArray[np.float64]
 
 #: Steps of the state, halvings of one of them, and steps in the lengths of segments.
 _STEPS, _HALVINGS, _POLISHED = 40, 8, 10
@@ -48,10 +46,7 @@ def signature_at(problem: Shooting, unknowns: Array) -> tuple[Signature, Array, 
 def orbit_near(problem: Shooting, guess: Array, steps: int = _STEPS) -> Solved:
     """Return the orbit near the unknowns of a guess.
 
-    Raises
-    ------
-    ConvergenceError
-        If none is found. The message gives the least change over an orbit.
+    Raises `ConvergenceError` if none is found. The message gives the least change over an orbit.
     """
     chart, y, flow = signature_at(problem, guess)
     change = _change(problem, flow)

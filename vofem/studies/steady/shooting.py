@@ -12,8 +12,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ArgumentError, ConvergenceError, EventStormError, MethodError
 from vofem.initial import Initial, StoredState
 from vofem.integrators.event_driven.along import Course
@@ -28,9 +28,6 @@ from vofem.studies.steady.counters import Work
 from vofem.studies.steady.loads import LoadPeriod, load_period
 from vofem.studies.steady.orbit import TIMES, PeriodicOrbit
 from vofem.system import OPEN, State
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: Degrees of freedom up to which all modes may be unknowns.
 MOST_UNKNOWNS = 600
@@ -49,29 +46,13 @@ def relative(residual: Array, sizes: tuple[float, float]) -> float:
 class Shooting:
     """Periodic orbits of a scene as roots of the flow; an `OrbitProblem`.
 
-    Parameters
-    ----------
-    what : str
-        Name of the function whose argument the scene is, for messages.
-    scene : Scene
-    periods : int
-    period : float, optional
-        Period of the loads in s.
-    earlier : Shooting, optional
-        A problem whose modes define the unknowns. They are used here too if the modes are the same.
-    work : Work, optional
-        Counters to which the work is added.
-    vectors : int, optional
-        Number of vectors of a large system. The default is that of `earlier`, or the first number.
-
-    Attributes
-    ----------
-    scene, periods
-        As above.
-    loads : LoadPeriod
-    size : int
-    scales : ndarray, shape (2n,)
-    tolerance : float
+    `what`: name of the function whose argument the scene is, for messages.
+    `period`: period of the loads in s.
+    `earlier`: a problem whose modes define the unknowns. They are used here too if the modes are the same.
+    `work`: counters to which the work is added.
+    `vectors`: number of vectors of a large system. The default is that of `earlier`, or the first number.
+    `scene`, `periods`: as above.
+    `scales` has shape (2n,).
     """
 
     tolerance = 1e-13
@@ -230,10 +211,7 @@ class Shooting:
     def run(self, start: Start, stop: float, *, derivative: Array | None = None, check: bool = False) -> Flow:
         """Return a flow, counted; as a check of a known orbit where `check` is true.
 
-        Raises
-        ------
-        ConvergenceError
-            If contacts chatter or the motion diverges.
+        Raises `ConvergenceError` if contacts chatter or the motion diverges.
         """
         self.work.flows += not check
         self.work.checks += check

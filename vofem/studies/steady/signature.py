@@ -22,6 +22,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array, Complex
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.along import Path
 from vofem.integrators.event_driven.flow import Flow, Start
@@ -31,9 +32,6 @@ from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
 from vofem.studies.steady.shooting import Shooting, relative
 from vofem.system import CLOSED, OPEN, PINNED
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: Samples of an orbit from which its range is refined, samples among which extremes of gap functions are searched, and
 #: the least number in a segment.
@@ -95,33 +93,16 @@ class Extreme(NamedTuple):
 
 @dataclass(frozen=True)
 class SignatureEvaluation:
-    """The equations of the orbits of a signature at some unknowns.
-
-    Attributes
-    ----------
-    chart : Signature
-    problem : Shooting
-    y : ndarray, shape (m,)
-        The unknowns.
-    path : Path
-        The motion through the segments.
-    residual : ndarray, shape (m,)
-    jacobian : ndarray, shape (m, m)
-        Empty without derivatives.
-    error : float
-        The largest residual over the size of the motion.
-    sizes : (float, float)
-        Sizes of modal displacements and velocities.
-    """
+    """The equations of the orbits of a signature at some unknowns."""
 
     chart: Signature
     problem: Shooting
-    y: Array
-    path: Path
-    residual: Array
-    jacobian: Array
-    error: float
-    sizes: tuple[float, float]
+    y: Array  #: The unknowns, shape (m,).
+    path: Path  #: The motion through the segments.
+    residual: Array  #: Shape (m,).
+    jacobian: Array  #: Empty without derivatives, shape (m, m).
+    error: float  #: The largest residual over the size of the motion.
+    sizes: tuple[float, float]  #: Sizes of modal displacements and velocities.
 
     @cached_property
     def closing(self) -> float:
@@ -300,24 +281,12 @@ class SignatureEvaluation:
 
 @dataclass(frozen=True)
 class Signature:
-    """The contact switches of orbits, and the coordinates that belong to them.
+    """The contact switches of orbits, and the coordinates that belong to them."""
 
-    Attributes
-    ----------
-    start : tuple of int
-        Status of all contacts at the anchor.
-    switches : tuple of Switch
-        In the order of time from the anchor on.
-    anchor : float
-        Phase of the loads in rad at which the state is an unknown.
-    periods : int
-        Periods of the loads after which orbits repeat.
-    """
-
-    start: tuple[int, ...]
-    switches: tuple[Switch, ...]
-    anchor: float
-    periods: int
+    start: tuple[int, ...]  #: Status of all contacts at the anchor.
+    switches: tuple[Switch, ...]  #: In the order of time from the anchor on.
+    anchor: float  #: Phase of the loads in rad at which the state is an unknown.
+    periods: int  #: Periods of the loads after which orbits repeat.
 
     #: Orbits are divided into segments, whose switches are watched.
     segmented: ClassVar[bool] = True
@@ -376,16 +345,10 @@ class Signature:
     ) -> SignatureEvaluation:
         """Return the equations.
 
-        Parameters
-        ----------
-        nodes : ndarray, shape (k, 2n), optional
-            Approximate modal states at the switches. Each segment then begins at its node, and the residual is that of
-            the motion without the differences, to first order. Newton's method converges from farther away with them.
-
-        Raises
-        ------
-        ConvergenceError
-            If the motion cannot be followed.
+        `nodes` (shape (k, 2n)): approximate modal states at the switches. Each segment then begins at its node, and the
+        residual is that of the motion without the differences, to first order. Newton's method converges from farther
+        away with them.
+        Raises `ConvergenceError` if the motion cannot be followed.
         """
         n, k = problem.size, len(self.switches)
         omega, lengths = problem.loads.omega, self.lengths(y)

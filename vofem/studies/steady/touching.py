@@ -7,16 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.between import Step, point_between
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.point import Interval, Point, corrected, derivative_by_value, tangent_at
 from vofem.studies.steady.signature import AT_ONCE, CLOSES, ROUNDING, Extreme, Signature
 from vofem.system import CLOSED, OPEN, PINNED
-
-Array = NDArray[np.float64]
 
 #: `Evaluation.error` of a grazing: as small as rounding allows.
 _EXACT = 1e-16
@@ -64,24 +62,12 @@ _DIFFERENCE = 1e-6
 
 @dataclass(frozen=True)
 class Passage:
-    """A change of the signature.
+    """A change of the signature."""
 
-    Attributes
-    ----------
-    before : Point
-        The last orbit with the old signature.
-    at : Point
-        The orbit at the change.
-    after : Point, optional
-        The first orbit with the new signature; None where several branches may begin.
-    grazed : tuple of int
-        Contacts that are grazed.
-    """
-
-    before: Point
-    at: Point
-    after: Point | None
-    grazed: tuple[int, ...]
+    before: Point  #: The last orbit with the old signature.
+    at: Point  #: The orbit at the change.
+    after: Point | None  #: The first orbit with the new signature; None where several branches may begin.
+    grazed: tuple[int, ...]  #: Contacts that are grazed.
 
 
 @dataclass(frozen=True)
@@ -105,10 +91,8 @@ class _Change:
 def passage(family: Family, interval: Interval, now: Point, after: Point) -> Passage | None:
     """Return the first change of the signature between two neighbours; None if there is none and the orbit repeats.
 
-    Raises
-    ------
-    ConvergenceError
-        If the change cannot be located, or the second orbit does not repeat under an ordinary run.
+    Raises `ConvergenceError` if the change cannot be located, or the second orbit does not repeat under an ordinary
+    run.
     """
     chart: Signature = now.chart
     lengths = chart.lengths(after.y[:-1])
