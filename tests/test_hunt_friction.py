@@ -267,7 +267,7 @@ def fault(seed, budget=250):
     if off > 1e-10:
         faults.append(f"energies miss their balance by {off:.1e}")
     for name, pad in result.frictions.items():
-        most = effects[name].normal * (effects[name].static or effects[name].coefficient)
+        most = effects[name].normal.value * (effects[name].static or effects[name].coefficient)
         if np.abs(pad.force).max() > most * (1.0 + 1e-9):
             faults.append(f"{name} holds {np.abs(pad.force).max():g} N, more than {most:g} N")
         if np.diff(pad.dissipated).min() < -1e-10 * size:

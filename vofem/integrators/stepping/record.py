@@ -16,7 +16,7 @@ from vofem.integrators.stepped import interpolated
 from vofem.integrators.stepping.checks import check_contacts
 from vofem.integrators.stepping.kernel import Chunk
 from vofem.kernels.jit import jit
-from vofem.laws.law import FORCE, HISTORY, LOSS, START, STORED, Laws, ask, commit_laws
+from vofem.laws.law import END, FORCE, HISTORY, LOSS, START, STORED, Laws, ask, commit_laws
 from vofem.laws.moving import Moving
 from vofem.system import CLOSED, OPEN, ContactLaws
 
@@ -370,7 +370,7 @@ def _along(laws: Laws, states: Array, u: Array, histories: Array) -> None:
             laws.state[i] = states[k, i]
         for j in range(laws.table.shape[0]):
             i = laws.table[j, HISTORY]
-            if i >= 0:
+            if i >= 0 and laws.table[j, END] > laws.table[j, START]:
                 histories[0, i, k] = ask(laws, j, FORCE, u[j, k], u[j, k])
                 histories[1, i, k] = ask(laws, j, STORED, u[j, k], u[j, k])
                 histories[2, i, k] = laws.state[laws.table[j, START]] + ask(laws, j, LOSS, u[j, k], u[j, k])

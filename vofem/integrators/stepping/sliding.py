@@ -112,7 +112,7 @@ class Sliders:
 
     def saved(self) -> dict[str, Any]:
         """Return what a run needs to go on."""
-        return {"now": self.now, "fastest": self.fastest} | {
+        return {"now": list(self.now), "fastest": self.fastest} | {
             name: list(getattr(self, name)) for name in ("log", "times", "turns")
         }
 
@@ -120,6 +120,7 @@ class Sliders:
         """Go on where another run was."""
         for name, value in saved.items():
             setattr(self, name, list(value) if isinstance(value, list) else value)
+        self.now = Held(*saved["now"])
 
     def back_to(self, now: Held, turns: int) -> None:
         """Forget what happened since a time at which `now` and the number of turns were these."""
