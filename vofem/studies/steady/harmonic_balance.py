@@ -180,14 +180,11 @@ class HarmonicBalance:
         modal = inputs @ rest.vectors
         self.law_modes, self.load_modes = modal[:count], modal[count:]
         self._hold(rest)
-        free = np.zeros((count, self.reach + 1), dtype=complex)
-        compliance = np.zeros((self.reach + 1, count, count), dtype=complex)
         self._held = np.zeros(count) if self._stiffness is None else self._stiffness
-        for k in range(self.reach + 1):
-            forces = np.concatenate([self.law_modes.T, (self._series[:, k] @ self.load_modes)[:, None]], axis=1)
-            answer = self._answer(k, forces)
-            compliance[k], free[:, k] = self.law_modes @ answer[:, :count], self.law_modes @ answer[:, count]
-        self.compliance, self.free = compliance, free
+        forces = np.empty((self.reach + 1, rest.squares.size, count + 1), dtype=complex)
+        forces[:, :, :count], forces[:, :, count] = self.law_modes.T, self._series.T @ self.load_modes
+        answer = self.law_modes @ self._answer(forces)
+        self.compliance, self.free = answer[:, :, :count], answer[:, :, count].T
 
     def _hold(self, rest: LinearRest) -> None:
         """Give a spring to each law that alone prevents a rigid motion; its force is subtracted from that of the law.
@@ -204,12 +201,13 @@ class HarmonicBalance:
             Attached(all_rows(self.groups), lambda omega: np.asarray(self._stiffness, dtype=complex))
         )
 
-    def _answer(self, k: int, forces: Array | Complex) -> Complex:
-        """Return modal displacements under modal forces of harmonic k, shape (m, n)."""
+    def _answer(self, forces: Complex) -> Complex:
+        """Return modal displacements under modal forces of all harmonics from 0 on, both (reach + 1, m, n)."""
+        omegas = np.asarray(self.omega * np.arange(self.reach + 1), dtype=float)
         try:
-            return self._rest_held.response(k * self.omega, forces)
+            return self._rest_held.response(omegas, forces)
         except SingularSystemError as error:
-            raise SingularSystemError(f"{self._what}: harmonic {k} of the orbit: {error}") from None
+            raise SingularSystemError(f"{self._what}: harmonics of {self.omega:.9g} rad/s: {error}") from None
 
     # -- guesses --------------------------------------------------------------------------------------
 
@@ -400,10 +398,8 @@ class HarmonicBalance:
 
     def _motion(self, forces: Complex) -> HarmonicMotion:
         """Return the motion of the whole structure under the laws' forces, with all their known harmonics."""
-        modal = np.zeros((self.rest.squares.size, self.reach + 1), dtype=complex)
-        for k in range(self.reach + 1):
-            right = self._series[:, k] @ self.load_modes - forces[:, k] @ self.law_modes
-            modal[:, k] = self._answer(k, right[:, None])[:, 0]
+        right = self._series.T @ self.load_modes - forces.T @ self.law_modes
+        modal = self._answer(right[:, :, None])[:, :, 0].T
         return HarmonicMotion(self.system, self.rest, self.laws, modal, self.omega)
 
     @cached_property

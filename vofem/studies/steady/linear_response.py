@@ -54,8 +54,7 @@ class FrequencyResponse:
 
     @cached_property
     def _modal(self) -> Complex:
-        parts = [self._rest.response(w, self._forces)[:, 0] for w in self.omega.tolist()]
-        return np.stack(parts, axis=1)
+        return self._rest.response(self.omega, self._forces)[:, :, 0].T
 
     @one_thread
     def displacement(self, point: Any) -> Complex:

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vofem.arrays import Array, Complex
 from vofem.errors import ArgumentError, ConvergenceError, SingularSystemError
@@ -161,7 +162,7 @@ class LinearRest:
     def _transfer(self, vectors: Array, inputs: Array, omegas: Array) -> Complex:
         """Return responses to all inputs in Ritz vectors, shape (n_frequencies, m, n_inputs)."""
         forces = (inputs @ self.vectors).T
-        return np.stack([self._ritz @ self.response(w, forces) for w in omegas.tolist()])
+        return np.asarray(self._ritz @ self.response(omegas, forces))
 
     def with_attached(self, part: Attached) -> LinearRest:
         """Return the same structure with further linear laws."""
@@ -192,23 +193,32 @@ class LinearRest:
         parts += [part.factor(omega) for part in self._attached]
         return np.concatenate(parts)
 
-    def response(self, omega: float, forces: Array | Complex) -> Complex:
-        """Return modal displacements under modal forces of angular frequency omega.
+    def response(self, omegas: Array, forces: Array | Complex) -> Complex:
+        """Return modal displacements under modal forces of angular frequencies omegas.
 
-        `omega`: angular frequency in rad/s.
-        `forces` has shape (m, k).
-        Returns an array of shape (m, k).
-        Raises `SingularSystemError` if the response is unbounded: an undamped resonance, or a rigid motion at rest.
+        `omegas`: angular frequencies in rad/s, shape (n_frequencies,).
+        `forces` has shape (m, k), the same at all frequencies, or (n_frequencies, m, k).
+        Returns an array of shape (n_frequencies, m, k).
+        Raises `SingularSystemError` if a response is unbounded: an undamped resonance, or a rigid motion at rest.
         """
-        diagonal = self.squares - omega * omega + 1j * omega * self.damping
-        size = self.squares + omega * omega
+        w = omegas[:, None]
+        diagonal = self.squares - w * w + 1j * w * self.damping
+        size = self.squares + w * w
         near = np.abs(diagonal) <= _NEAR * np.where(size > 0.0, size, 1.0)
+        given = np.broadcast_to(np.asarray(forces, dtype=complex), (omegas.size, *forces.shape[-2:]))
+        out = np.zeros(given.shape, dtype=complex)
+        np.divide(given, diagonal[..., None], out=out, where=~near[..., None])
+        coupled = np.any(near, axis=1) | (self.columns.shape[1] > 0)
+        for i in np.flatnonzero(coupled).tolist():
+            self._add_coupled(float(omegas[i]), diagonal[i], near[i], given[i], out[i])
+        return out
+
+    def _add_coupled(
+        self, omega: float, diagonal: Complex, near: NDArray[np.bool_], forces: Complex, out: Complex
+    ) -> None:
+        """Complete the response `out` (m, k) at one frequency, which has far modes only and no coupling yet."""
         far, columns, factors = ~near, self.columns, self.factors(omega)
         k, r = int(near.sum()), columns.shape[1]
-        out = np.zeros(forces.shape, dtype=complex)
-        out[far] = forces[far] / diagonal[far, None]
-        if not k + r:
-            return out
         # Unknowns: displacements of the near modes, forces of what couples.
         spread = columns[far] / diagonal[far, None]
         matrix = np.zeros((k + r, k + r), dtype=complex)
@@ -231,7 +241,6 @@ class LinearRest:
             )
         out[near] = found[:k]
         out[far] -= spread @ found[k:]
-        return out
 
 
 def _solved(matrix: Complex, right: Complex) -> Complex | None:
