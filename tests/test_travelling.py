@@ -194,15 +194,20 @@ def test_times_at_which_a_path_passes_places():
 # -- contacts and attachments -----------------------------------------------------------------------------
 
 
-def test_a_stop_that_travels_converges_and_its_ledger_is_exact():
-    d, values, histories = known("travelling_stop")
-    beam, t, errors = bridge(d, d["elements"]), histories["t"], []
+def beam_on_a_travelling_stop(d):
+    """Return the scene of the reference data, and its beam."""
+    beam = bridge(d, d["elements"])
     stop = vf.Contact(
         beam.along(vf.Path(d["v"], start=d["x0"])), gap=d["gap"], stiffness=d["K0"], side="above",
         acts_on="penetration", name="stop",
     )  # fmt: skip
     load = vf.PointLoad(beam.at(d["L"] / 2), vf.Sine(d["F"], d["Omega"]))
-    scene = vf.Scene([beam], [stop, load, vf.RayleighDamping(0.0, d["beta"])])
+    return vf.Scene([beam], [stop, load, vf.RayleighDamping(0.0, d["beta"])]), beam
+
+
+def test_a_stop_that_travels_converges_and_its_ledger_is_exact():
+    d, values, histories = known("travelling_stop")
+    (scene, beam), t, errors = beam_on_a_travelling_stop(d), histories["t"], []
     for steps in (800, 1600):
         result = vf.simulate(scene, d["t_end"], times=t, dt=d["t_end"] / steps)
         assert result.method == "energy_conserving"
@@ -217,13 +222,7 @@ def test_a_stop_that_travels_converges_and_its_ledger_is_exact():
 @pytest.mark.parametrize(("method", "count"), [("generalized_alpha", 1000), ("central_difference", 2500)])
 def test_other_steps_take_what_travels_with_second_order(method, count):
     d, _, histories = known("travelling_stop")
-    beam, t = bridge(d, d["elements"]), histories["t"]
-    stop = vf.Contact(
-        beam.along(vf.Path(d["v"], start=d["x0"])), gap=d["gap"], stiffness=d["K0"], side="above",
-        acts_on="penetration", name="stop",
-    )  # fmt: skip
-    load = vf.PointLoad(beam.at(d["L"] / 2), vf.Sine(d["F"], d["Omega"]))
-    scene = vf.Scene([beam], [stop, load, vf.RayleighDamping(0.0, d["beta"])])
+    (scene, beam), t = beam_on_a_travelling_stop(d), histories["t"]
     runs = [vf.simulate(scene, d["t_end"], times=t, method=method, dt=d["t_end"] / n) for n in (count, 2 * count)]
     errors = [off(run.displacement(beam.at(d["L"] / 2)), histories["w_mid"]) for run in runs]
     assert errors[1] < 5e-3
