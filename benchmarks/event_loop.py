@@ -148,7 +148,7 @@ def ratio() -> tuple[float, float, int]:
     seconds, result = best_of(lambda: run(scene, t_end), 60)
     solution = result.solution
     segments, laws, space = solution.segments, solution.system.contacts, solution.space
-    spectra = [solution.spectrum_of(np.array([status])) for status in (0, 1)]
+    spectra = [solution.linear.spectra[np.array([status])] for status in (0, 1)]
     shapes = np.stack([np.eye(space.size) if s.real.modes is None else s.real.modes for s in spectra])
     spring = laws.stiffness[0] * laws.offset[0] * space.contacts[0]
     rows = np.stack([space.contacts[0] @ shape for shape in shapes])
