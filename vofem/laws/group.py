@@ -53,7 +53,7 @@ class LawGroup:
     kind: ClassVar[str] = "laws"  #: Name of the kind of law, for readers.
 
     #: Position of the group among those of a system; contacts come first.
-    place: ClassVar[int] = 1  #: Position of the group among those of a system.
+    place: ClassVar[int] = 1
 
     rows: csr_matrix  #: Over the free degrees of freedom, shape (n_laws, n).
 

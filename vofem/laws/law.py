@@ -419,11 +419,6 @@ class LawSet:
         """Return whether the tangent of law j may jump within a step: it has kinks, or internal variables."""
         return self.laws[j].remembers or bool(self.kinks(j))
 
-    @property
-    def may_jump(self) -> bool:
-        """Whether the tangent of any law may jump."""
-        return any(self.turns(j) for j in range(len(self)))
-
 
 # -- the affine law, which a springpot is over one step --------------------------------------------------
 
