@@ -59,7 +59,7 @@ _MARGIN = 1.3
 _TRANSIENT, _STEPS = 60, 200
 
 #: Share of the largest modulus above which the change of a multiplier is looked at, and the factor from it to a bound.
-_LEADING, _SAFETY = 0.5, 3.0
+_LEADING, _SAFETY = 0.5, 6.0
 
 #: Smallest step on the way from the linear response to the laws' full strength, and iterations of one.
 _SMALLEST, _TRIES = 1.0 / 16.0, 12
