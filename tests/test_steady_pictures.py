@@ -13,8 +13,8 @@ import vofem as vf
 from vofem import cli
 from vofem.io import plot
 from vofem.io.pictures import axes as picture_axes
-from vofem.io.scenes.changes import number_at
 from vofem.io.tables import branch_table, write_branch
+from vofem.parameters import number_at
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "two_masses_response.toml"
 

@@ -15,8 +15,8 @@ from vofem._validate import nearest
 from vofem.effects.kinds import AtPoint
 from vofem.errors import ArgumentError, SceneFileError, VofemError
 from vofem.io.scene_file import SceneFile, read_content, scene_text
-from vofem.io.scenes.changes import changed
 from vofem.io.scenes.measures import OF_CONTACTS, OF_POINTS, OF_RUNS, Measure
+from vofem.parameters import changed
 from vofem.parameters.place import Book, Place
 
 _KEYS = ("values", "measure", "after")

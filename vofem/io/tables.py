@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.bodies.base import as_point
-from vofem.files.whole import target
+from vofem.files.whole import writer
 from vofem.io.csv_file import write_columns
 from vofem.result import Result
 
@@ -116,13 +115,13 @@ def counter_line(result: Result) -> str:
 # -- branches and sweeps ------------------------------------------------------------------------------
 
 
-def write_branch(branch: Branch, point: Any, path: str | os.PathLike[str], parameter: str = "parameter") -> Path:
-    """Write a line for each orbit and, among them, each special point of a branch; return the path.
+@writer(".csv")
+def write_branch(branch: Branch, point: Any, path: str | os.PathLike[str], parameter: str = "parameter") -> None:
+    """Write a line for each orbit and, among them, each special point of a branch.
 
     It has the parameter, the frequency, the amplitude, the stability (1 or 0) and the largest multiplier, the last two
     empty where they are not known, and the kind of a special point.
     """
-    goal = target(path, (".csv",))
     place = as_point("write_branch: point", point)
     rows: list[tuple[float, float, Any, str]] = [
         (float(k), float(value), orbit, "")
@@ -144,7 +143,7 @@ def write_branch(branch: Branch, point: Any, path: str | os.PathLike[str], param
         "largest multiplier": [_largest(orbit) for orbit in orbits],
         "special": [kind for _, _, _, kind in rows],
     }
-    return write_columns(columns, goal)
+    write_columns(columns, path)
 
 
 def _largest(orbit: Any) -> str:
@@ -166,20 +165,20 @@ def branch_table(branch: Branch, point: Any, parameter: str = "parameter") -> st
     return "\n".join(lines)
 
 
-def write_sweep(sweep: Sweep, path: str | os.PathLike[str]) -> Path:
-    """Write a line for each point of a sweep; return the path.
+@writer(".csv")
+def write_sweep(sweep: Sweep, path: str | os.PathLike[str]) -> None:
+    """Write a line for each point of a sweep.
 
     Columns are the parameters, the quantities (one column an entry where they are arrays), and the error of a point
     that failed.
     """
-    goal = target(path, (".csv",))
     rows = sweep.points.rows
     columns: dict[str, Any] = {name: [row[name] for row in rows] for name in sweep.points.names}
     for name in sweep:
         column = sweep[name].reshape(len(rows), -1)
         heads = [name] if column.shape[1] == 1 else [f"{name}[{k}]" for k in range(column.shape[1])]
         columns |= zip(heads, column.T, strict=True)
-    return write_columns(columns | {sweep.error_column: sweep.errors()}, goal)
+    write_columns(columns | {sweep.error_column: sweep.errors()}, path)
 
 
 # -- studies of accuracy ------------------------------------------------------------------------------
@@ -224,9 +223,9 @@ def _short(value: float) -> str:
     return "differ" if np.isinf(value) else f"{value:.1e}"
 
 
-def write_study(study: Study, path: str | os.PathLike[str]) -> Path:
-    """Write a line for each run of a study, lengths in m and times in s, as `Run` and `Errors` say; return the path."""
-    goal = target(path, (".csv",))
+@writer(".csv")
+def write_study(study: Study, path: str | os.PathLike[str]) -> None:
+    """Write a line for each run of a study, lengths in m and times in s, as `Run` and `Errors` say."""
     rows = [
         {
             **{name: getattr(run.setting, name) for name in ("method", "elements", "dt", "tol")},
@@ -245,4 +244,4 @@ def write_study(study: Study, path: str | os.PathLike[str]) -> Path:
         }
         for run in study.runs
     ]
-    return write_columns({name: [row[name] for row in rows] for name in (rows[0] if rows else ())}, goal)
+    write_columns({name: [row[name] for row in rows] for name in (rows[0] if rows else ())}, path)

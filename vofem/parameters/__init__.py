@@ -10,14 +10,12 @@ from vofem.parameters.declared import (
     CHOSEN,
     Declaration,
     automatic_name,
-    changed,
     content_of,
     declarations,
     declared,
     is_declared,
     label_of,
     rule,
-    value_at,
     values_of,
 )
 from vofem.parameters.kinds import (
@@ -34,6 +32,7 @@ from vofem.parameters.kinds import (
     Unwritable,
 )
 from vofem.parameters.nested import OneOf
+from vofem.parameters.paths import changed, number_at, value_at
 
 __all__ = [
     "CHOSEN",
@@ -57,6 +56,7 @@ __all__ = [
     "declared",
     "is_declared",
     "label_of",
+    "number_at",
     "rule",
     "value_at",
     "values_of",

@@ -2,7 +2,6 @@
 
 from vofem.statics.contact_equilibrium import equilibrium
 from vofem.statics.load_path import quasi_static
-from vofem.statics.outcome import Equilibrium, StaticContact
-from vofem.statics.path_outcome import ContactPath, QuasiStatic, SpringPath
+from vofem.statics.outcome import ContactPath, Equilibrium, QuasiStatic, SpringPath, StaticContact
 
 __all__ = ["ContactPath", "Equilibrium", "QuasiStatic", "SpringPath", "StaticContact", "equilibrium", "quasi_static"]

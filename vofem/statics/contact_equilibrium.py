@@ -8,9 +8,8 @@ from vofem._validate import number
 from vofem.errors import ArgumentError, ConvergenceError
 from vofem.kernels.choice import by_need
 from vofem.scene import Scene, as_scene
-from vofem.statics.held import check_held
 from vofem.statics.outcome import Equilibrium, StaticContact
-from vofem.statics.solver import EquilibriumSolver, solver_of
+from vofem.statics.solver import EquilibriumSolver, check_held, solver_of
 from vofem.system import CLOSED, OPEN, PINNED, refuse_travelling
 
 

@@ -13,8 +13,8 @@ from vofem.assembly import Model
 from vofem.errors import ArgumentError, ConvergenceError, LimitLoadError
 from vofem.kernels.choice import by_need
 from vofem.scene import Scene, as_scene
-from vofem.statics.held import check_held
-from vofem.statics.path_outcome import ContactPath, QuasiStatic, SpringPath
+from vofem.statics.outcome import ContactPath, QuasiStatic, SpringPath
+from vofem.statics.solver import EquilibriumSolver, check_held, solver_of
 from vofem.statics.work_balance import printed_notes, taken, work_notes
 from vofem.system import CLOSED, PINNED, refuse_travelling
 
@@ -80,8 +80,6 @@ def quasi_static(scene: Scene, load_factors: ArrayLike) -> QuasiStatic:
 
 @by_need("statics")
 def _linear(model: Model, force: Array, factors: Array) -> QuasiStatic:
-    from vofem.statics.solver import solver_of
-
     check_held(model, None)
     q = solver_of(model.system)(force)
     states = q[:, None] * factors
@@ -102,8 +100,6 @@ def _driven(model: Model, forces: Array, factors: Array) -> QuasiStatic:
 
 @by_need("statics")
 def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
-    from vofem.statics.solver import EquilibriumSolver
-
     system = model.system
     solver = EquilibriumSolver(system, force)
     check_held(model, solver.rows.toarray())

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.bodies.base import Point
-from vofem.io.pictures.histories import closed_intervals
+from vofem.io.pictures.histories import closed_intervals, times_of
 from vofem.io.pictures.layout import arrange
 from vofem.io.pictures.sketch import sketch
 from vofem.io.pictures.snapshot import Snapshot, snapshots
@@ -105,7 +105,7 @@ class AxesView:
         self._axes = axes = figure.add_subplot()
         axes.grid(color="#e3e5e9", linewidth=0.7)
         axes.set_axisbelow(True)
-        self._times, self._dense = times, _whole(result, window)
+        self._times, self._dense = times, times_of(result, *window, _DENSE)
         factor, unit = length(float(np.max(np.abs(result.displacement(point, self._dense)), initial=0.0)))
 
         def curve(at: Array) -> Array:
@@ -139,10 +139,3 @@ class AxesView:
             self._axes.draw_artist(self._line)
             self._axes.draw_artist(self._dot)
             yield np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
-
-
-def _whole(result: Result, window: tuple[float, float]) -> Array:
-    """Return times at which the whole motion of a window is drawn."""
-    if result.solution.continuous:
-        return np.linspace(*window, _DENSE)
-    return result.times[(result.times >= window[0]) & (result.times <= window[1])]

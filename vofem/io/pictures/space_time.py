@@ -10,7 +10,7 @@ from vofem.bodies import Beam
 from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
 from vofem.io.pictures.axes import Canvas, Where, figure, ink, stroke, text_size
-from vofem.io.pictures.histories import closed_intervals
+from vofem.io.pictures.histories import closed_intervals, end_of, times_of
 from vofem.io.pictures.places import along_beam, between_masses, is_line, one_line
 from vofem.io.pictures.units import length
 from vofem.result import Result
@@ -35,18 +35,13 @@ def space_time(
     result : Result
     body : Beam or name, optional
         The beam. It must be given if the scene has several beams, or beams and masses.
-    window : (float, float), optional
-        Begin and end of the time that is drawn, in s. The default is the whole run.
 
     Raises
     ------
     ArgumentError
         If `body` is needed and missing.
     """
-    end = min(float(result.times[-1]), result.solution.t_end)
-    begin, end = window_of("space_time", window, end)
-    stored = result.times[(result.times >= begin) & (result.times <= end)]
-    times = np.linspace(begin, end, _TIMES) if result.solution.continuous else stored
+    times = times_of(result, *window_of("space_time", window, end_of(result)), _TIMES)
     if times.size < 2:
         raise ArgumentError(f"space_time: the run stored {times.size} times in this window, expected two or more")
     lines = [b for b in result.scene.bodies if is_line(b)]
