@@ -521,7 +521,7 @@ def _executor(address: str | None) -> Iterator[Any]:
 
 
 def _study_pictures(table: Sweep, folder: Path) -> list[Path]:
-    from vofem.io.pictures.sweeps import sweep_curves
+    from vofem.io.pictures.studies import sweep_curves
 
     try:
         return [sweep_curves(table, folder / "sweep.png")]

@@ -12,7 +12,7 @@ from vofem.assembly import ContactEntry, SystemBuilder
 from vofem.bodies.base import Body, Point
 from vofem.bodies.path import TravellingPoint
 from vofem.effects.kinds import AtPoint, Named, TravellingEnd
-from vofem.effects.stop import Side, Stop
+from vofem.effects.two_points import Side, Stop
 from vofem.errors import ArgumentError
 from vofem.parameters import CHOSEN, Choice, Kind, OneOf, Real, declared, label_of, rule
 from vofem.parameters.place import Book, Place

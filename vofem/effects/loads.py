@@ -1,4 +1,4 @@
-"""Loads: at points, along beams, and gravity."""
+"""Loads: at points, along beams, gravity, and the motion of the base that a body stands on."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.assembly import SystemBuilder
-from vofem.bodies.base import Point
+from vofem.assembly import Base, SystemBuilder
+from vofem.bodies.base import Body, Point
 from vofem.bodies.beam import Beam
 from vofem.bodies.coefficient import evaluate_along
 from vofem.bodies.kinds import Along
@@ -123,3 +123,43 @@ class Gravity(Acting):
     def describe(self) -> str:
         """Return g and its direction."""
         return f"Gravity: {abs(self.g):g} m/s^2 {'upward' if self.g < 0.0 else 'downward'}"
+
+
+@declared()
+class BaseMotion(Acting):
+    """A body whose base accelerates: its supports, its springs to ground and the stops beside it.
+
+    Displacements of the body are then counted from the base. The motion acts
+    as a load ``-M r a(t)``, where r is the unit translation. A spring or a joint
+    between two bodies is refused unless both stand on bases with the same
+    acceleration. A contact between them needs the displacements of both bases,
+    and so does a stop that stays in space (``Contact(..., frame="space")``).
+    """
+
+    body: Annotated[Body, OnBody("The body that stands on the base.")]
+    acceleration: Annotated[Load, OfTime("m/s^2", "Acceleration of the base, positive upward.")]
+    _: KW_ONLY
+    displacement: Annotated[
+        float | None,
+        Real("m", "Displacement of the base at t = 0, positive upward. What sees the base's place needs it."),
+    ] = None
+    velocity: Annotated[
+        float | None,
+        Real("m/s", "Velocity of the base at t = 0, positive upward. What sees the base's place needs it."),
+    ] = None
+    name: Called = None
+
+    @property
+    def base(self) -> Base:
+        """The motion as contacts see it."""
+        function = as_time_function(self.acceleration)
+        return Base(self.body, function, self.displacement, self.velocity, self.describe())
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add the load."""
+        builder.add_acceleration(-1.0, as_time_function(self.acceleration), self.describe(), self.body)
+        builder.add_base(self.base)
+
+    def describe(self) -> str:
+        """Return body and acceleration."""
+        return f"BaseMotion of {self.body.label}: {self.acceleration!r} m/s^2"

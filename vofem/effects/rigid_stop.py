@@ -9,7 +9,7 @@ from vofem._validate import wrong
 from vofem.assembly import ContactEntry, SystemBuilder
 from vofem.bodies.base import Point
 from vofem.effects.kinds import AtPoint, End, Named
-from vofem.effects.stop import Side, Stop
+from vofem.effects.two_points import Side, Stop
 from vofem.parameters import CHOSEN, Real, declared, label_of, rule
 
 

@@ -51,7 +51,7 @@ def tabled(shape: str) -> Callable[[C], C]:
             lines += [f"{name} : {shown}", *textwrap.wrap(text, 110, initial_indent="    ", subsequent_indent="    ")]
         cls._columns = {name: one for name, one in known.items() if one.unit is not None}  # type: ignore[attr-defined]
         cls.__doc__ = "\n".join(lines) + "\n"
-        made: C = dataclass(frozen=True, eq=False, repr=False)(cls)
+        made: Any = dataclass(frozen=True, eq=False, repr=False)(cls)
         return made
 
     return make
@@ -61,8 +61,10 @@ class Tabled:
     """Numbers of a contact, in its units."""
 
     _columns: ClassVar[dict[str, Column]]
-    if TYPE_CHECKING:
+    if TYPE_CHECKING:  # fields of all
+        name: str
         units: Units
+        why: str
 
     def quantities(self) -> dict[str, tuple[Any, str]]:
         """Return all columns with their units, by name."""
@@ -151,7 +153,7 @@ def joined(parts: Iterable[Tabled], title: str) -> Table:
     found = [part.quantities() for part in parts]
     counts = [np.size(next(iter(one.values()))[0]) for one in found]
     columns: dict[str, tuple[Any, str]] = {
-        "contact": (np.repeat(np.array([part.name for part in parts], dtype=str), counts), "")
+        "contact": (np.repeat(np.array([part.name for part in parts], dtype=np.str_), counts), "")
     }
     for name in found[0] if found else ():
         # Both units where some contacts act on rotations.

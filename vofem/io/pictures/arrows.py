@@ -7,8 +7,7 @@ import numpy as np
 from vofem.io.pictures import shapes
 from vofem.io.pictures.drawing import CLOSED, CLOSED_TEXT, Drawing, Label
 from vofem.io.pictures.layout import Layout, full_scale, moves_across
-from vofem.io.pictures.pushes import Push
-from vofem.io.pictures.snapshot import Snapshot
+from vofem.io.pictures.snapshot import Push, Snapshot
 from vofem.io.pictures.units import spell
 
 #: Length in pixels of the arrow of the largest force, and the shortest arrow that is drawn.
