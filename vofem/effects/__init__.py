@@ -8,6 +8,7 @@ from vofem.effects.attachments import RotationalSpring as RotationalSpring
 from vofem.effects.attachments import Spring as Spring
 from vofem.effects.contact import Contact as Contact
 from vofem.effects.contact import Resolved as Resolved
+from vofem.effects.contact import RigidStop as RigidStop
 from vofem.effects.damping import ModalDamping as ModalDamping
 from vofem.effects.damping import RayleighDamping as RayleighDamping
 from vofem.effects.foundation import Foundation as Foundation
@@ -23,7 +24,6 @@ from vofem.effects.loads import Gravity as Gravity
 from vofem.effects.loads import PointLoad as PointLoad
 from vofem.effects.loads import PointMoment as PointMoment
 from vofem.effects.nonlinear_spring import NonlinearSpring as NonlinearSpring
-from vofem.effects.rigid_stop import RigidStop as RigidStop
 from vofem.effects.springpot import Springpot as Springpot
 from vofem.time_functions import Constant as Constant
 from vofem.time_functions import Pulse as Pulse

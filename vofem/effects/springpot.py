@@ -15,7 +15,7 @@ from vofem.errors import ArgumentError
 from vofem.fractional.laws import ConstantOrder, OrderLaw, TabulatedOrder
 from vofem.laws import SpringpotLaw
 from vofem.parameters import CHOSEN, Kind, OneOf, Real, declared
-from vofem.parameters.nested import read_number_or, write_number_or
+from vofem.parameters.declared import read_number_or, write_number_or
 from vofem.parameters.place import Book, Invalid, Place
 from vofem.time_functions import Constant
 
