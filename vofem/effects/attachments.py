@@ -74,7 +74,6 @@ class RotationalSpring(Acting):
     ] = None
     _: KW_ONLY
     stiffness: Annotated[float, Real("N m/rad", "Stiffness.", least=0)]
-    name: Called = None
 
     @rule("other", "point")
     def _points_differ(self) -> None:
@@ -107,7 +106,6 @@ class PointMass(Acting):
     _: KW_ONLY
     mass: Annotated[float, Real("kg", "Mass.", least=0)]
     inertia: Annotated[float, Real("kg m^2", "Rotary inertia. Only points of beams can have one.", least=0)] = 0.0
-    name: Called = None
 
     @rule("inertia", "point")
     def _point_rotates(self) -> None:

@@ -11,10 +11,10 @@ from vofem._validate import wrong
 from vofem.assembly import ContactEntry, SystemBuilder
 from vofem.bodies.base import Body, Point
 from vofem.bodies.path import TravellingPoint
-from vofem.effects.kinds import AtPoint, End, Named, TravellingEnd
+from vofem.effects.kinds import AtPoint, End, TravellingEnd
 from vofem.effects.two_points import Side, Stop
 from vofem.errors import ArgumentError
-from vofem.parameters import CHOSEN, Choice, Kind, OneOf, Real, declared, label_of, rule
+from vofem.parameters import Choice, Kind, OneOf, Real, declared, label_of, rule
 from vofem.parameters.place import Book, Place
 
 
@@ -126,7 +126,6 @@ class Contact(Stop):
             "velocity of the base at t = 0, see `BaseMotion`.",
         ),
     ] = "base"
-    name: Named = CHOSEN
 
     @rule("frame", "b")
     def _frame_of_a_stop(self) -> None:
@@ -222,7 +221,6 @@ class RigidStop(Stop):
         Real("", "Coefficient of restitution e: speed after over speed before an impact, from 0 to 1.", least=0.0),
     ]
     side: Side = None
-    name: Named = CHOSEN
 
     @rule("restitution")
     def _no_energy_is_made(self) -> None:

@@ -7,14 +7,13 @@ from dataclasses import KW_ONLY, dataclass
 from typing import Annotated, Any, Literal
 
 from vofem.assembly import SystemBuilder
-from vofem.effects.kinds import Named
 from vofem.effects.two_points import Side, Stop, TwoPoints
 from vofem.errors import ArgumentError
 from vofem.fractional.constants import ideal
 from vofem.laws import HystereticLaw, LinearLevel, PrintedLaw
 from vofem.laws.hysteretic import cyclic
 from vofem.laws.softening_curve import checked_level, limit_load, tabulate
-from vofem.parameters import CHOSEN, Choice, Kind, OneOf, Real, declared, label_of, rule
+from vofem.parameters import Choice, Kind, OneOf, Real, declared, label_of, rule
 from vofem.parameters.place import Book, Place
 
 
@@ -154,7 +153,6 @@ class HystereticSpring(TwoPoints):
             "remembers",
         ),
     ] = None
-    name: Named = CHOSEN
 
     @rule("softening", "stiffness", "linear_limit", "memory", "of")
     def _follow_the_backbone(self) -> None:
@@ -233,7 +231,6 @@ class CrushingStop(Stop):
     stiffness: InitialStiffness
     linear_limit: LinearLimit
     softening: SofteningOf = None
-    name: Named = CHOSEN
 
     @rule("softening", "stiffness", "linear_limit", "gap", "of")
     def _follow_the_backbone(self) -> None:

@@ -15,7 +15,7 @@ from vofem.bodies.beam import Beam
 from vofem.bodies.coefficient import evaluate_along
 from vofem.bodies.kinds import Along
 from vofem.bodies.path import TravellingPoint
-from vofem.effects.kinds import Acting, AtPoint, Called, OnBody, TravellingEnd
+from vofem.effects.kinds import Acting, AtPoint, OnBody, TravellingEnd
 from vofem.errors import ArgumentError
 from vofem.parameters import Real, declared, rule
 from vofem.time_functions import Constant, Load, OfTime, TimeFunction, as_time_function
@@ -27,8 +27,6 @@ class PointLoad(Acting):
 
     point: TravellingEnd
     f: Annotated[Load, OfTime("N", "The force.")]
-    _: KW_ONLY
-    name: Called = None
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the load."""
@@ -48,8 +46,6 @@ class PointMoment(Acting):
 
     point: Annotated[Point, AtPoint("Point of a beam, ``beam.at(x)``.")]
     f: Annotated[Load, OfTime("N m", "The moment.")]
-    _: KW_ONLY
-    name: Called = None
 
     @rule("point")
     def _point_rotates(self) -> None:
@@ -84,8 +80,6 @@ class DistributedLoad(Acting):
     beam: Annotated[Beam, OnBody("The beam on which the load acts.", beam=True)]
     p: Annotated[float | Callable[[Any], Any], LoadAlong("N/m", "The load along the beam.")]
     f: Annotated[Load, OfTime("", "A factor over time, without unit.")] = 1.0
-    _: KW_ONLY
-    name: Called = None
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the consistent load vector."""
@@ -113,8 +107,6 @@ class Gravity(Acting):
     """
 
     g: Annotated[float, Real("m/s^2", "Acceleration, positive downward.")] = 9.81
-    _: KW_ONLY
-    name: Called = None
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add a constant load in proportion to mass."""
@@ -147,7 +139,6 @@ class BaseMotion(Acting):
         float | None,
         Real("m/s", "Velocity of the base at t = 0, positive upward. What sees the base's place needs it."),
     ] = None
-    name: Called = None
 
     @property
     def base(self) -> Base:

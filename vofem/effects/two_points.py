@@ -12,9 +12,9 @@ from vofem._validate import missing, one_of
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point, Row
 from vofem.bodies.path import TravellingPoint
-from vofem.effects.kinds import AtPoint, End, Of, OtherEnd
+from vofem.effects.kinds import AtPoint, End, Named, Of, OtherEnd
 from vofem.errors import ArgumentError
-from vofem.parameters import Choice, declarations, declared, label_of, rule
+from vofem.parameters import CHOSEN, Choice, declarations, declared, label_of, rule
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,7 @@ class TwoPoints:
     a: End
     b: OtherEnd = None
     of: Of = field(default="displacement", kw_only=True)
+    name: Named = field(default=CHOSEN, kw_only=True)
 
     @rule("b", "a")
     def _ends_differ(self) -> None:
