@@ -6,7 +6,7 @@ import pytest
 
 import vofem as vf
 from vofem.cli import main
-from vofem.io.pictures.sweeps import sweep_curves
+from vofem.io.pictures.studies import sweep_curves
 from vofem.io.study_file import load_study
 from vofem.parameters import changed
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 #: Of forces, which are printed with six digits.
 _TOLERANCE = 1e-7
 
-_STABLE = {True: "1", False: "0", None: ""}
-
 
 # -- runs ---------------------------------------------------------------------------------------------
 
@@ -122,33 +120,11 @@ def write_branch(branch: Branch, point: Any, path: str | os.PathLike[str], param
     It has the parameter, the frequency, the amplitude, the stability (1 or 0) and the largest multiplier, the last two
     empty where they are not known, and the kind of a special point.
     """
-    place = as_point("write_branch: point", point)
-    rows: list[tuple[float, float, Any, str]] = [
-        (float(k), float(value), orbit, "")
-        for k, (value, orbit) in enumerate(zip(branch.values, branch.orbits, strict=True))
-    ]
-    rows += [(special.place, special.value, special.orbit, special.kind) for special in branch.special]
-    rows.sort(key=lambda row: row[0])
-    orbits = [orbit for _, _, orbit, _ in rows]
-    extremes = np.array([orbit.extremes(place) for orbit in orbits]).reshape(-1, 2)
-    omega = np.array([orbit.omega for orbit in orbits])
-    columns: dict[str, Any] = {
-        parameter: np.array([value for _, value, _, _ in rows]),
-        "frequency [Hz]": omega / (2.0 * np.pi),
-        "angular frequency [rad/s]": omega,
-        f"{place.name} amplitude [m]": 0.5 * (extremes[:, 1] - extremes[:, 0]),
-        f"{place.name} least [m]": extremes[:, 0],
-        f"{place.name} largest [m]": extremes[:, 1],
-        "stable": [_STABLE[orbit.stable] for orbit in orbits],
-        "largest multiplier": [_largest(orbit) for orbit in orbits],
-        "special": [kind for _, _, _, kind in rows],
-    }
+    table = branch.table(point, parameter)
+    columns: dict[str, Any] = {head: table[name].tolist() for head, name in zip(table.headings(), table, strict=True)}
+    columns["stable"] = [None if known is None else int(known) for known in columns["stable"]]
+    columns["largest multiplier"] = [None if np.isnan(one) else one for one in columns["largest multiplier"]]
     write_columns(columns, path)
-
-
-def _largest(orbit: Any) -> str:
-    known = orbit.multipliers
-    return "" if known is None else repr(float(np.abs(known).max(initial=0.0)))
 
 
 def branch_table(branch: Branch, point: Any, parameter: str = "parameter") -> str:

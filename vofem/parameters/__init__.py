@@ -9,6 +9,7 @@ schema, copies with changed values, and what is stored.
 from vofem.parameters.declared import (
     CHOSEN,
     Declaration,
+    OneOf,
     automatic_name,
     content_of,
     declarations,
@@ -31,7 +32,6 @@ from vofem.parameters.kinds import (
     RealOrArray,
     Unwritable,
 )
-from vofem.parameters.nested import OneOf
 from vofem.parameters.paths import changed, number_at, value_at
 
 __all__ = [

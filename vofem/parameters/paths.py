@@ -46,7 +46,7 @@ def changed(thing: Any, changes: Mapping[Any, Any] | None = None, /, **named: An
     Raises `ArgumentError` if a path leads nowhere, or a value is out of range; or if the class of an object is not
     declared, and its objects do not have their arguments as attributes.
     """
-    given = (changes or {}) | named
+    given = {**(changes or {}), **named}
     return _changed(thing, [(_parts(thing, path), value, path) for path, value in given.items()], 0)
 
 

@@ -18,8 +18,7 @@ from vofem.errors import ArgumentError
 from vofem.files.whole import replacing, target
 from vofem.histories.impacts import window_of
 from vofem.histories.tables import points_of_interest
-from vofem.io.movies.mode_shapes import mode_snapshots
-from vofem.io.movies.views import AxesView, SideView, SpaceView, View, side_view
+from vofem.io.movies.views import AxesView, SideView, SpaceView, View, mode_snapshots, side_view
 from vofem.io.movies.writing import SUFFIXES, check, true_rate, write
 from vofem.io.pictures.histories import end_of
 from vofem.progress import Progress, TerminalBar
