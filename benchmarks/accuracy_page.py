@@ -612,12 +612,12 @@ def curve_section() -> str:
             f"{machine()}. pyHarm-os, where it is listed, reports the peak of another measure, NLvib's.",
             "![Errors of peaks and folds against time](figures/accuracy-curves.png)",
             "What the methods miss:\n\n"
-            "- **Shooting** finds all special points and the stability of every orbit. It accepts loads that are sums "
-            "of sines, and ideal contacts only.\n"
-            "- **Harmonic balance** finds both folds and no other special points: the period doublings and Neimark-"
-            "Sacker points of the two masses, and the grazings, are not listed. Its errors decrease with the number "
-            "of harmonics at the rate of the kink in the contact force. Few harmonics put the fold at a wrong "
-            "frequency without a warning on the curve; the estimate `orbit.truncation` shows it.\n"
+            "- **Shooting** finds all special points and the stability of every orbit. It accepts scenes that "
+            "`event_driven` accepts, under loads that are sums of sines.\n"
+            "- **Harmonic balance** finds folds, period doublings and Neimark-Sacker points; it lists no grazings. Its "
+            "errors decrease with the number of harmonics at the rate of the kink in the contact force. Few harmonics "
+            "put the fold at a wrong frequency, and list points that the curve does not have. The curve itself does "
+            "not show this; the estimate `orbit.truncation` of each orbit does.\n"
             "- **Sweeps** find stable motions only, and a fold only up to the distance of two frequencies. Slow "
             "transients near a fold blur it further. From 0.7388 rad/s on, where the curve of the two masses loses "
             "its stability, an upward sweep shows other motions of other amplitudes; downwards it stays on the linear "
