@@ -17,18 +17,9 @@ from vofem.integrators.registry import advice
 from vofem.integrators.rounding import static_loss
 from vofem.integrators.stepping.checks import check_times, contact_checks
 from vofem.integrators.stepping.energies import kinetic_energy
-from vofem.integrators.stepping.kernel import (
-    ABSENT,
-    ACTS,
-    HOLDS,
-    PUSHES,
-    Equations,
-    Rules,
-    Size,
-    advance,
-    work_space,
-)  # fmt: skip
+from vofem.integrators.stepping.kernel import Equations, Rules, Size, advance, work_space
 from vofem.integrators.stepping.movement import Movement
+from vofem.integrators.stepping.reactions import ABSENT, ACTS, HOLDS, PUSHES
 from vofem.integrators.stepping.record import Path, Record, Switches, hysteretic_energy
 from vofem.integrators.stepping.scheme import Forcing, Loaded, Scheme
 from vofem.integrators.stepping.step_loads import StepLoads
@@ -185,16 +176,16 @@ class Run:
         factored = factor(a, "the mass matrix" if self.scheme.explicit else "the matrix of a step")
         width = max(width, *(_spread(rows, j) for j in range(m))) if m else width
         if m == 0 or self.travels:
-            return Size(numbers, factored, None if m == 0 else np.zeros((0, 0)), None)
+            return Size(numbers, factored, np.zeros((0, 0)), False)
         if not self.special and _band_pays(self.laws, self.system.size, width):
-            return Size(numbers, factored, None, widen(a, width))
+            return Size(numbers, factored, widen(a, width), True)
         assert self.rows is not None
         dense = self.rows.toarray()
         answers = dense.copy()
         for answer in answers:
             solve(factored, answer)
         compliance = dense @ answers.T
-        return Size(numbers, factored, 0.5 * (compliance + compliance.T), None)
+        return Size(numbers, factored, 0.5 * (compliance + compliance.T), False)
 
     # -- loads ------------------------------------------------------------------------------------------
 
@@ -396,10 +387,10 @@ class Run:
                 assert rules is not None
                 rows, rates = self.movement.rows(ahead)
                 equations, rules = equations._replace(rows=rows), rules._replace(rates=rates)
+        earlier = path.chunk.a[max(path.filled - 1, 0)]
         self.taken, solves = advance(
-            equations, size.numbers, size.factored, size.compliance, size.band, self.dampers, pots, drift, rules, force,
-            shift, path.chunk.a[max(path.filled - 1, 0)], chunk, self._work(size),
-        )  # fmt: skip
+            equations, *size, self.dampers, pots, drift, rules, force, shift, earlier, chunk, self._work(size)
+        )
         if self.callbacks is not None:
             self.callbacks.complain(dt)
         return -1 if self.taken < t.size else solves
@@ -441,8 +432,8 @@ class Run:
     def _work(self, size: Size) -> Any:
         """Return work space."""
         if not hasattr(self, "_space"):
-            self._space = work_space(self.system.size, len(self.laws), size)
-        return self._space
+            self._space = work_space(self.equations, size)
+        return self._space[0]
 
     def enter(self, path: Path, dt: float, t: Array, forcing: Forcing) -> None:
         """Enter steps that were taken into a path: their times and energies, and the switches of contacts."""
