@@ -23,6 +23,12 @@ from vofem.simulate.plan import kind_of_run
 ROOT = Path(__file__).parent.parent
 
 
+def environment(tmp_path, **more):
+    """Return the environment of a process with compiled code of its own, which finds this package and its tests."""
+    paths = [str(ROOT), str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": os.pathsep.join(paths), **more}
+
+
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """A folder for compiled code of its own."""
@@ -136,12 +142,12 @@ def test_processes_that_compile_at_once_do_no_harm(tmp_path):
     """Each compiles for other arguments; none takes the code of another for its own, and nothing is lost."""
     script = tmp_path / "kernel.py"
     script.write_text(KERNEL)
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
 
     def begin(*kinds):
         return subprocess.Popen(
-            [sys.executable, str(script), *kinds], env=environment, stdout=subprocess.PIPE, text=True, cwd=tmp_path
-        )
+            [sys.executable, str(script), *kinds], env=environment(tmp_path), cwd=tmp_path, stdout=subprocess.PIPE,
+            text=True,
+        )  # fmt: skip
 
     kinds = ("int", "float", "complex")
     children = [begin(kind) for kind in kinds]
@@ -206,12 +212,9 @@ print(json.dumps({f"{f.__module__}.{f.__name__}": f.compilations for f in made})
 
 def test_what_a_scene_does_not_hold_is_not_compiled(tmp_path):
     """No springpots, hysteresis, resolved switches, laws written in Python, dampers, probes, and no second law."""
-    environment = {
-        **os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(ROOT), "NUMBA_NRT_STATS": "1",
-    }  # fmt: skip
     run = subprocess.run(
-        [sys.executable, "-c", ONE_CONTACT, "energy_conserving"], env=environment, capture_output=True, text=True,
-        check=True,
+        [sys.executable, "-c", ONE_CONTACT, "energy_conserving"], env=environment(tmp_path, NUMBA_NRT_STATS="1"),
+        capture_output=True, text=True, check=True,
     )  # fmt: skip
     left, listed = run.stdout.splitlines()[-2:]
     assert left == "0", "arrays of kernels that nothing frees"
@@ -269,9 +272,8 @@ assert stats.mi_alloc >= 50 and stats.mi_alloc == stats.mi_free, stats
 def test_arrays_that_are_borrowed_are_those_of_the_caller(tmp_path):
     """What is allocated is freed once, and the caller's arrays have as many owners as before."""
     (tmp_path / "borrowing.py").write_text(BORROWING)
-    environment = {
-        **os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "NUMBA_NRT_STATS": "1",
-        "PYTHONPATH": os.pathsep.join([str(ROOT), str(tmp_path)]),
-    }  # fmt: skip
-    run = subprocess.run([sys.executable, "-c", "import borrowing"], env=environment, capture_output=True, text=True)
+    run = subprocess.run(
+        [sys.executable, "-c", "import borrowing"], env=environment(tmp_path, NUMBA_NRT_STATS="1"),
+        capture_output=True, text=True,
+    )  # fmt: skip
     assert run.returncode == 0, run.stderr
