@@ -21,7 +21,7 @@ class Spring(TwoPoints):
     a: TravellingEnd
     _: KW_ONLY
     stiffness: Annotated[float, Real("N/m, or N m/rad where it acts on rotations", "Stiffness.", least=0)]
-    name: Called = None
+    name: Called = None  # type: ignore[assignment]
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add ``k b b'`` to K."""
@@ -45,7 +45,7 @@ class Dashpot(TwoPoints):
     a: TravellingEnd
     _: KW_ONLY
     damping: Annotated[float, Real("N s/m, or N m s/rad where it acts on rotations", "Damping constant.", least=0)]
-    name: Called = None
+    name: Called = None  # type: ignore[assignment]
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add ``c b b'`` to C."""

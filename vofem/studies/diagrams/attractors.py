@@ -15,7 +15,7 @@ from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.progress import SweepProgress
 from vofem.scene import Scene, as_scene
-from vofem.studies.diagrams.stroboscope import Stroboscope, order_of, stroboscope
+from vofem.studies.diagrams.bifurcation import Stroboscope, order_of, stroboscope
 from vofem.studies.sweep import Sweep
 from vofem.studies.sweep.sweeping import sweep
 
