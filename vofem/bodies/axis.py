@@ -51,7 +51,7 @@ class Axis(Body):
         if isinstance(elements, (int, np.integer)) and not isinstance(elements, bool):
             count = int(elements)
             if not 1 <= count <= _MOST_ELEMENTS:
-                raise ArgumentError(f"{label}: elements is {count}, expected 1 to {_MOST_ELEMENTS}")
+                raise ArgumentError(f"{label}: elements is {count}, expected a whole number from 1 to {_MOST_ELEMENTS}")
             self.origin, self.arc = 0.0, np.arange(count + 1, dtype=float) * (length / count)
             self.arc[-1], self.element_lengths = length, np.full(count, length / count)
             return
@@ -116,7 +116,7 @@ class Axis(Body):
             bad = float(np.ravel(arc)[int(np.argmax(np.ravel((arc < -slack) | (arc > self.length + slack))))])
             raise ArgumentError(
                 f"{what} is {self.origin + bad:g} m, expected a point on {self.label}, "
-                f"from {self.origin:g} to {self.origin + self.length:g} m"
+                f"from {self.origin:g} to {self.origin + self.length:g} m; lengths are in m"
             )
         arc = np.clip(arc, 0.0, self.arc[-1])
         element = np.clip(np.searchsorted(self.arc, arc, side="right") - 1, 0, self.element_lengths.size - 1)

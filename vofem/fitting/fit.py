@@ -381,9 +381,10 @@ def fit(
     as_scene("fit", scene)
     chosen = parameters_of("fit", parameters, scene)
     several = tuple(data) if isinstance(data, (list, tuple)) else (data,)
-    if not several or any(not isinstance(one, Data) for one in several):
-        wrong = type(next((one for one in several if not isinstance(one, Data)), data)).__name__
-        raise ArgumentError(f"fit: data has a {wrong}, expected vofem.Measured or a list of measurements")
+    strange = [one for one in several if not isinstance(one, Data)]
+    if strange or not several:
+        found = f"holds {strange[0]!r}" if strange else "is empty"
+        raise ArgumentError(f"fit: data {found}, expected vofem.Measured or a list of measurements")
     starts = whole("fit: starts", starts)
     problem = _Problem(scene, chosen, several, "event_driven")
     windows = _windows(horizon, problem.end)

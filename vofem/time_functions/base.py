@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import number
+from vofem._validate import number, wrong
 from vofem.arrays import Array
 from vofem.errors import ArgumentError, LoadError
 from vofem.parameters import Kind, OneOf, Real, Unwritable, declared
@@ -175,7 +175,7 @@ class OfTime(Kind):
 
     def check(self, what: str, value: Any) -> TimeFunction:
         """Return the function."""
-        return as_time_function(value)
+        return as_time_function(value, what)
 
     def read(self, value: Any, place: Place) -> TimeFunction | Invalid:
         """Return the function of a number or of a table."""
@@ -411,17 +411,15 @@ class Arbitrary(TimeFunction):
         raise ArgumentError(f"load function {self._name} has no closed form; use Sine, Ramp, Tabulated, ...")
 
 
-def as_time_function(value: Any) -> TimeFunction:
-    """Return a number, a callable of t or a `TimeFunction` as a `TimeFunction`."""
+def as_time_function(value: Any, what: str = "a function of time") -> TimeFunction:
+    """Return a number, a callable of t or a `TimeFunction` as a `TimeFunction`; `what` names it in messages."""
     if isinstance(value, TimeFunction):
         return value
     if callable(value):
         return Arbitrary(value)
     if isinstance(value, str) or not np.isscalar(value):
-        raise ArgumentError(
-            f"a load's time function is {value!r}, expected a number, a callable of t, Sine, Ramp, Tabulated, ..."
-        )
-    return Constant(number("a load's time function", value))
+        raise wrong(what, repr(value), "a number, a callable of t, Sine, Ramp, Tabulated, ...")
+    return Constant(number(what, value))
 
 
 #: What `as_time_function` takes.

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from vofem._validate import wrong
 from vofem.arrays import Array
 from vofem.bodies.base import Point
 from vofem.bodies.path import TravellingPoint
@@ -219,9 +220,9 @@ def _points(wanted: Any) -> list[Point]:
     points = list(wanted) if isinstance(wanted, Iterable) and not isinstance(wanted, str) else [wanted]
     for point in points:
         if not isinstance(point, Point):
-            raise ArgumentError(f"expected a point, beam.at(x) or a Mass, found {point!r}")
+            raise wrong("point", repr(point), "beam.at(x) or a Mass")
     if not points:
-        raise ArgumentError("expected a point, beam.at(x) or a Mass, found none")
+        raise wrong("points", "empty", "one or more of beam.at(x) or a Mass")
     return points
 
 

@@ -126,8 +126,8 @@ def basins(
     if start is None:
         if len(scene.bodies) != 1 or set(grid) != {"displacement", "velocity"}:
             raise ArgumentError(
-                f"basins: the grid has the names {list(grid)} and the scene {len(scene.bodies)} bodies; give start=, "
-                "or a scene of one body and the names 'displacement' and 'velocity'"
+                f"basins: the grid has the names {', '.join(map(repr, grid)) or 'none'}, expected 'displacement' and "
+                f"'velocity' of one body, and the scene has {len(scene.bodies)}; for other starts give start="
             )
         start = functools.partial(_start_of, body=scene.bodies[0])
     table = sweep(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import choice, name_of, whole
+from vofem._validate import choice, name_of, unknown, whole
 from vofem.arrays import Array
 from vofem.errors import ArgumentError, VofemError
 from vofem.initial import StoredState
@@ -122,7 +122,7 @@ class BifurcationDiagram:
         choice("BifurcationDiagram: start", start, tuple(self.samples))
         name = self.points[0] if point is None else name_of(point)
         if name not in self.points:
-            raise ArgumentError(f"BifurcationDiagram: no point is named {name!r}; there are {list(self.points)}")
+            raise unknown("point", name, self.points)
         found: Array = self.samples[start][kind, self.points.index(name)]
         return found
 
@@ -201,7 +201,9 @@ def bifurcation_diagram(
     """
     given = np.asarray(values, dtype=float)
     if given.ndim != 1 or given.size == 0 or not np.all(np.isfinite(given)):
-        raise ArgumentError(f"bifurcation_diagram: values is {values!r}, expected numbers, shape (n_values,)")
+        raise ArgumentError(
+            f"bifurcation_diagram: values is {values!r}, expected one or more numbers, shape (n_values,)"
+        )
     how = stroboscope("bifurcation_diagram", points, period, periods, skip, method)
     options = {"executor": executor, "workers": workers, "progress": progress}
     rest = sweep(
