@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point
@@ -67,6 +67,9 @@ class RotationalSpring(Acting):
     It is a `Spring` with ``of="rotation"``.
     """
 
+    symbol = "spring"
+    of: ClassVar = "rotation"
+
     point: Annotated[Point, AtPoint("Point of a beam, ``beam.at(x)``.")]
     other: Annotated[
         Point | None,
@@ -101,6 +104,8 @@ class PointMass(Acting):
     The point may travel: the mass is then tied to the beam below it, and rests at the level of the supports where it is
     not on the beam.
     """
+
+    symbol = "mass"
 
     point: TravellingEnd
     _: KW_ONLY
