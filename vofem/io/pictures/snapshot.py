@@ -204,8 +204,9 @@ def _view(
     time: float | None = None, **parts: Any,
 ) -> Snapshot:  # fmt: skip
     """Return bodies with contacts, whose status and force are given, and all else at the time t of the loads in s."""
-    joints = tuple(effect for effect in scene.effects if isinstance(effect, Joint))
-    weights = (place_at(effect.point, t) for effect in scene.effects if _symbol(effect) == "mass")
+    effects: tuple[Any, ...] = scene.effects
+    joints = tuple(effect for effect in effects if isinstance(effect, Joint))
+    weights = (place_at(effect.point, t) for effect in effects if _symbol(effect) == "mass")
     there = tuple(point for point in weights if point is not None)
     return Snapshot(time, tuple(bodies), _links(scene, states, t), joints, weights=there, **parts)
 
@@ -248,7 +249,8 @@ def _links(scene: Scene, states: dict[str, tuple[str, float]], t: float = 0.0) -
         turns = s.of == "rotation"
         status = states.get(s.name, ("open", 0.0))
         links.append(Link(s.name, s.a, s.b, s.side or "below", 0.0 if turns else s.gap, *status, turns))
-    for effect in scene.effects:
+    effects: tuple[Any, ...] = scene.effects
+    for effect in effects:
         if _symbol(effect) in ("spring", "damper"):
             a, b = (*effect.points(), None)[:2]
             links.append(Link("", a, b, "below", 0.0, effect.symbol, 0.0, effect.of == "rotation"))
