@@ -1,9 +1,12 @@
-"""Linear attachments: springs, rotational springs, dashpots and point masses, each a rank-one term; and joints."""
+"""What changes matrices: springs, dashpots and point masses, each a rank-one term; damping of all; and joints."""
 
 from __future__ import annotations
 
 from dataclasses import KW_ONLY
 from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point
@@ -11,7 +14,7 @@ from vofem.bodies.path import TravellingPoint
 from vofem.effects.kinds import Acting, AtPoint, Called, End, Named, TravellingEnd
 from vofem.effects.two_points import TwoPoints, refuse_equal
 from vofem.errors import ArgumentError
-from vofem.parameters import CHOSEN, Choice, Real, declared, label_of, rule
+from vofem.parameters import CHOSEN, Choice, Real, RealOrArray, declared, label_of, rule
 
 
 @declared()
@@ -188,3 +191,54 @@ class Joint(Acting):
     def describe(self) -> str:
         """Return name, kind and points."""
         return f"Joint {self.name!r} of {self.a.describe()} and {self.b.describe()}: {self.kind}"
+
+
+@declared()
+class RayleighDamping(Acting):
+    """Rayleigh damping ``C = alpha M + beta K``. M and K include linear attachments, and no contacts."""
+
+    alpha: Annotated[float, Real("1/s", "Factor of the mass matrix.", least=0)]
+    beta: Annotated[float, Real("s", "Factor of the stiffness matrix.", least=0)] = 0.0
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add to C."""
+        builder.add_rayleigh(self.alpha, self.beta)
+
+    def describe(self) -> str:
+        """Return alpha and beta."""
+        return f"RayleighDamping: alpha = {self.alpha:g} 1/s, beta = {self.beta:g} s"
+
+
+@declared()
+class ModalDamping(Acting):
+    """Ratios of critical damping in the vibration modes of the structure with all contacts open.
+
+    Raises
+    ------
+    ArgumentError
+        For a ratio that is negative or not finite, or an empty list.
+    """
+
+    ratio: Annotated[
+        float | NDArray[np.float64],
+        RealOrArray(
+            Real(least=0),
+            "Damping ratio, not negative; 1 is critical damping. A number holds for every vibration mode. A list gives "
+            "one ratio for each mode in ascending order of frequency. Modes beyond the end of the list take its last "
+            "ratio. Rigid motions are not counted and stay undamped. Modes of equal frequency should have equal "
+            "ratios, because their order is arbitrary.",
+        ),
+    ]
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Declare the ratio."""
+        builder.add_modal_damping(self.ratio)
+
+    def describe(self) -> str:
+        """Return the ratio or ratios."""
+        if np.ndim(self.ratio) == 0:
+            return f"ModalDamping: {self.ratio:g} of critical"
+        ratios = np.atleast_1d(self.ratio)
+        first = ", ".join(f"{ratio:g}" for ratio in ratios[:5])
+        rest = f" and {ratios.size - 5} more" if ratios.size > 5 else ""
+        return f"ModalDamping: {first}{rest} of critical in modes 1 to {ratios.size}, {ratios[-1]:g} above"
