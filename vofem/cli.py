@@ -697,6 +697,6 @@ def _add_doctor(commands: Commands) -> None:
 def _doctor(arguments: argparse.Namespace) -> int:
     from vofem.io.doctor import diagnose
 
-    found = diagnose()
-    print(found)
-    return FAULT if found.missing else FINE
+    text, complete = diagnose()
+    print(text)
+    return FINE if complete else FAULT
