@@ -383,8 +383,8 @@ def fit(
     several = tuple(data) if isinstance(data, (list, tuple)) else (data,)
     strange = [one for one in several if not isinstance(one, Data)]
     if strange or not several:
-        found = f"holds {strange[0]!r}" if strange else "is empty"
-        raise ArgumentError(f"fit: data {found}, expected vofem.Measured or a list of measurements")
+        what = f"holds {strange[0]!r}" if strange else "is empty"
+        raise ArgumentError(f"fit: data {what}, expected vofem.Measured or a list of measurements")
     starts = whole("fit: starts", starts)
     problem = _Problem(scene, chosen, several, "event_driven")
     windows = _windows(horizon, problem.end)

@@ -19,8 +19,7 @@ from vofem.arrays import Array
 from vofem.errors import ArgumentError, ConvergenceError, MissingCallableError, SceneFileError
 from vofem.files.hdf5 import check_format, mark_format, writing
 from vofem.files.whole import target
-from vofem.io.scenes.reader import read_tables
-from vofem.io.scenes.writer import scene_to_toml
+from vofem.io.scenes.scene_text import read_tables, scene_to_toml
 from vofem.io.storage.tree import read_tree, write_tree
 from vofem.parameters import changed
 from vofem.parameters.place import Book

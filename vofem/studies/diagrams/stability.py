@@ -14,7 +14,7 @@ from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.progress import SweepProgress
 from vofem.scene import Scene
-from vofem.studies.diagrams.stroboscope import first_point
+from vofem.studies.diagrams.bifurcation import first_point
 from vofem.studies.steady.steady_state import periodic
 from vofem.studies.sweep import FailedPoint, Sweep
 from vofem.studies.sweep.sweeping import sweep
