@@ -19,7 +19,7 @@ _PANEL = (6.4, 3.6)
 def sweep_curves(
     sweep: Sweep,
     path: Where = None,
-    names: tuple[str, ...] | None = None,
+    names: tuple[str, ...] | str | None = None,
     *,
     units: Mapping[str, str] | None = None,
     ax: Any = None,
@@ -34,7 +34,7 @@ def sweep_curves(
     ----------
     sweep : Sweep
         A grid of one or two parameters that are numbers.
-    names : tuple of str, optional
+    names : tuple of str, or str, optional
         Names of the quantities that are drawn. The default is all quantities that are numbers.
     units : dict of str to str, optional
         Units of parameters and quantities by their names, for the axes.
@@ -46,6 +46,7 @@ def sweep_curves(
     ArgumentError
         If the points are not a grid of one or two parameters, or no quantity can be drawn.
     """
+    names = (names,) if isinstance(names, str) else names
     axes_values = sweep.points.axes
     if (
         axes_values is None
