@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import nearest
+from vofem._validate import unknown
 from vofem.cards import Shown
-from vofem.errors import ArgumentError
 
 #: Rows that are shown as text.
 _SHOWN = 20
@@ -43,9 +42,7 @@ class Table(Shown, Mapping[str, NDArray]):
     def __getitem__(self, name: str) -> NDArray:
         if name not in self._columns:
             known = tuple(self._columns)
-            raise ArgumentError(
-                f"{self.title}: no column is named {name!r}; there are {list(known)}{nearest(name, known)}"
-            )
+            raise unknown("column", name, known, what=self.title)
         return self._columns[name]
 
     def __iter__(self) -> Iterator[str]:

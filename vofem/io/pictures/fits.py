@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from vofem._validate import wrong
 from vofem.fitting import Fit
 from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, ink, plain, stroke, text_size
 
@@ -19,6 +20,8 @@ def fit(result: Fit, path: Where = None, *, ax: Any = None) -> Any:
         The axes to draw into, in the order of rows: those of all measurements, then those of their residuals. By
         default a new figure is made.
     """
+    if not isinstance(result, Fit):
+        raise wrong("fit: result", repr(result), "what vf.fit returns")
     count = len(result.data)
     canvas = Canvas("fit", path, ax, (6.0 + 2.0 * count, 5.6), rows=2, columns=count)
     row, shift = 0, 0

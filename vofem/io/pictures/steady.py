@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem._validate import several
 from vofem.arrays import Array
 from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
@@ -69,12 +70,10 @@ def response_curve(
     ArgumentError
         If the branch has no orbits, or `point` is not a point of a body.
     """
-    branches = [branch] if isinstance(branch, Branch) else list(branch)
+    branches = several("response_curve: branch", branch, Branch, "vf.continuation")
     place = as_point("response_curve: point", point)
-    if not branches or not all(isinstance(one, Branch) and len(one) for one in branches):
-        raise ArgumentError(
-            "response_curve: expected one or more branches with orbits, such as vf.continuation returns"
-        )
+    if not all(len(one) for one in branches):
+        raise ArgumentError("response_curve: a branch has no orbits; its status says why it ended")
     heights = [one.amplitude(place) for one in branches]
     marked = [[(s, s.orbit.amplitude(place)) for s in one.special] for one in branches]
     scale = length(float(max(part.max() for part in heights)))
@@ -128,9 +127,7 @@ def locus(
     ArgumentError
         If an argument is not a locus.
     """
-    loci = [curves] if isinstance(curves, Locus) else list(curves)
-    if not loci or not all(isinstance(one, Locus) for one in loci):
-        raise ArgumentError("locus: expected one or more loci, such as vf.locus returns")
+    loci = several("locus: curves", curves, Locus, "vf.locus")
     canvas = Canvas("locus", path, ax, (9.0, 5.4))
     axes = canvas.grid[0, 0]
     for one in loci:
@@ -175,7 +172,8 @@ def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: W
     ArgumentError
         If the multipliers of an orbit are not known.
     """
-    orbits = [orbit] if isinstance(orbit, PeriodicOrbit) else list(orbit.orbits if isinstance(orbit, Branch) else orbit)
+    given = list(orbit.orbits) if isinstance(orbit, Branch) else orbit
+    orbits = several("multipliers: orbit", given, PeriodicOrbit, "vf.periodic")
     known = [one.multipliers for one in orbits if one.multipliers is not None]
     if not known or len(known) < len(orbits):
         raise ArgumentError(
@@ -228,12 +226,8 @@ def phase_portrait(
     ArgumentError
         If an argument is not an orbit, or not a point.
     """
-    orbits: list[PeriodicOrbit] = list(orbit) if isinstance(orbit, (list, tuple)) else [orbit]  # type: ignore[list-item]
+    orbits = several("phase_portrait: orbit", orbit, PeriodicOrbit, "vf.periodic")
     place = as_point("phase_portrait: point", point)
-    if not orbits or not all(isinstance(one, PeriodicOrbit) for one in orbits):
-        raise ArgumentError(
-            f"phase_portrait: orbit is {orbit!r}, expected what vf.periodic returns, or several of these"
-        )
     canvas = Canvas("phase_portrait", path, ax, (7.6, 5.4))
     axes = canvas.grid[0, 0]
     drawn = []
@@ -317,9 +311,7 @@ def backbone_curve(branch: Branch | Sequence[Branch], path: Where = None, *, ax:
     ArgumentError
         If the branch is not a backbone.
     """
-    branches = [branch] if isinstance(branch, Branch) else list(branch)
-    if not branches or not all(isinstance(one, Branch) for one in branches):
-        raise ArgumentError("backbone_curve: expected one or more branches, as vf.backbone returns")
+    branches = several("backbone_curve: branch", branch, Branch, "vf.backbone")
     canvas = Canvas("backbone_curve", path, ax, (7.6, 5.2))
     axes = canvas.grid[0, 0]
     for k, one in enumerate(branches):
