@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from vofem.io.scenes.settings import OutputSettings
     from vofem.io.study_file import StudyFile
     from vofem.result import Result
+    from vofem.scene import Scene
     from vofem.studies.steady import Branch
     from vofem.studies.sweep import Sweep
 
@@ -154,9 +155,8 @@ def _made(folder: Path) -> Path:
 def _write(result: Result, output: OutputSettings, folder: Path) -> Iterator[Path]:
     """Write the histories of a run; return the files one by one."""
     from vofem.io.csv_file import write_csv, write_probes
-    from vofem.io.run_pictures import history_points
 
-    yield write_csv(result, history_points(result.scene, output), folder / "histories.csv")
+    yield write_csv(result, _history_points(result.scene, output), folder / "histories.csv")
     if result.recorded is not None:
         yield write_probes(result, folder / "probes.csv")
 
@@ -168,9 +168,8 @@ def _draw(result: Result, output: OutputSettings, folder: Path, snapshot: bool) 
     """
     from vofem.io.pictures.histories import time_history
     from vofem.io.render import render
-    from vofem.io.run_pictures import history_points, picture_times
 
-    points, times = history_points(result.scene, output), picture_times(result, output)
+    points, times = _history_points(result.scene, output), _picture_times(result, output)
     for k, point in enumerate(points, start=1):
         history = time_history(result, point, folder / _numbered("history", k, len(points)))
         if len(points) > 1:
@@ -185,6 +184,37 @@ def _draw(result: Result, output: OutputSettings, folder: Path, snapshot: bool) 
             yield drawn(result, times[0] if times else result.times[-1], folder / "snapshot.png")
         except OutputError as error:
             print(f"left out: {error}")
+
+
+def _history_points(scene: Scene, output: OutputSettings) -> tuple[Any, ...]:
+    """Return the points that the settings name, or some telling ones."""
+    from vofem.histories.tables import MOST, points_of_interest
+
+    return output.history or points_of_interest(scene)[:MOST]
+
+
+def _picture_times(result: Result, output: OutputSettings) -> tuple[float, ...]:
+    """Return the times that the settings name, or the middle of the first contact, or when most is displaced.
+
+    Of the times named those are left out that a shorter run does not reach.
+    """
+    import numpy as np
+
+    named = tuple(t for t in output.pictures if t <= result.times[-1])
+    if named or output.pictures:
+        return named
+    intervals = [
+        (float(history.closings[0]), float(history.openings[0]) if history.openings.size else float(result.times[-1]))
+        for history in result.contacts.values()
+        if history.closings.size
+    ]
+    if intervals:
+        middle = 0.5 * sum(min(intervals))
+        # A stepping method may have stored few times; event_driven knows them all.
+        nearest = float(result.times[int(np.argmin(np.abs(result.times - middle)))])
+        return (middle if result.solution.continuous else nearest,)
+    motion = np.max(np.abs([result.displacement(point) for point in _history_points(result.scene, output)]), axis=0)
+    return (float(result.times[int(np.argmax(motion))]),)
 
 
 def _numbered(name: str, k: int, count: int) -> str:
@@ -428,13 +458,12 @@ def _branch_options(arguments: argparse.Namespace, file: SceneFile) -> dict[str,
 
 def _branch_point(arguments: argparse.Namespace, file: SceneFile) -> Any:
     """Return the point whose amplitude is drawn: the one asked for, that of the first contact, or a body's."""
-    from vofem.io.run_pictures import history_points
     from vofem.io.scene_file import point_named
 
     assert file.respond is not None
     if arguments.point is not None:
         return point_named(file.scene, arguments.point)
-    return file.respond.point or history_points(file.scene, file.output)[0]
+    return file.respond.point or _history_points(file.scene, file.output)[0]
 
 
 # -- vofem sweep
@@ -521,7 +550,7 @@ def _executor(address: str | None) -> Iterator[Any]:
 
 
 def _study_pictures(table: Sweep, folder: Path) -> list[Path]:
-    from vofem.io.pictures.sweeps import sweep_curves
+    from vofem.io.pictures.studies import sweep_curves
 
     try:
         return [sweep_curves(table, folder / "sweep.png")]

@@ -12,10 +12,9 @@ from vofem.assembly import Effect, Model, SystemBuilder
 from vofem.assembly.bases import offsets
 from vofem.bodies.base import Body
 from vofem.cards import Shown
-from vofem.effects.base_motion import BaseMotion
-from vofem.effects.contact import Contact
+from vofem.effects.contact import Contact, RigidStop
 from vofem.effects.friction import Friction
-from vofem.effects.rigid_stop import RigidStop
+from vofem.effects.loads import BaseMotion
 from vofem.errors import ArgumentError, VofemError
 from vofem.initial import Initial, StateSource
 from vofem.locks import Lock

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vofem.bodies.axis import Axis
+from vofem.bodies.axis import Axis, supported_dofs
 from vofem.bodies.base import Array, BodyMatrices
 from vofem.bodies.coefficient import VARIABLE_ORDER, Coefficient, basis_for
 from vofem.bodies.cubics import hermite
-from vofem.bodies.supports import supported_dofs
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix

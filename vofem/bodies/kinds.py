@@ -10,8 +10,8 @@ import numpy as np
 
 from vofem._validate import one_of
 from vofem.parameters import Choice, Count, Kind, Name, Numbers, OneOf, Real, Unwritable
+from vofem.parameters.declared import read_number_or, write_number_or
 from vofem.parameters.kinds import ANY_NUMBER
-from vofem.parameters.nested import read_number_or, write_number_or
 from vofem.parameters.place import INVALID, Book, Invalid, Place
 from vofem.polynomial import Polynomial
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.assembly import SystemBuilder
-from vofem.effects.kinds import Acting, Called
+from vofem.effects.kinds import Acting
 from vofem.parameters import Real, RealOrArray, declared
 
 
@@ -19,8 +18,6 @@ class RayleighDamping(Acting):
 
     alpha: Annotated[float, Real("1/s", "Factor of the mass matrix.", least=0)]
     beta: Annotated[float, Real("s", "Factor of the stiffness matrix.", least=0)] = 0.0
-    _: KW_ONLY
-    name: Called = None
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add to C."""
@@ -51,8 +48,6 @@ class ModalDamping(Acting):
             "ratios, because their order is arbitrary.",
         ),
     ]
-    _: KW_ONLY
-    name: Called = None
 
     def compile(self, builder: SystemBuilder) -> None:
         """Declare the ratio."""

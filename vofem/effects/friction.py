@@ -10,11 +10,10 @@ import numpy as np
 from vofem._validate import wrong
 from vofem.assembly import SystemBuilder
 from vofem.effects.contact import Contact
-from vofem.effects.kinds import Named
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
 from vofem.laws.friction import FrictionLaw
-from vofem.parameters import CHOSEN, Kind, Name, Real, declared, label_of, rule
+from vofem.parameters import Kind, Name, Real, declared, label_of, rule
 from vofem.parameters.place import Book, Place
 from vofem.time_functions.base import Constant, OfTime, TimeFunction
 
@@ -95,7 +94,6 @@ class Friction(TwoPoints):
     belt: Annotated[
         TimeFunction | float | None, OfTime("m/s", "Speed of the belt on which a lies. Without it there is no belt.")
     ] = None
-    name: Named = CHOSEN
 
     @rule("normal", "contact")
     def _pressed_once(self) -> None:

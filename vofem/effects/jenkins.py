@@ -13,19 +13,17 @@ from numpy.typing import ArrayLike
 
 from vofem.arrays import Array
 from vofem.assembly import SystemBuilder
-from vofem.effects.kinds import Named
 from vofem.effects.two_points import TwoPoints, Units
 from vofem.errors import ArgumentError
 from vofem.laws import HystereticLaw
 from vofem.laws.hysteretic import jenkins
-from vofem.parameters import CHOSEN, Numbers, Real, declared, label_of, rule
+from vofem.parameters import Numbers, Real, declared, label_of, rule
 
 
 @declared()
 class JenkinsSpring(TwoPoints):
     """A spring of parallel Jenkins elements; subclasses say of which ones by their rules, which set the law."""
 
-    name: Named = field(default=CHOSEN, kw_only=True)
     _law: HystereticLaw = field(init=False)
 
     @property

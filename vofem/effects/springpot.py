@@ -9,13 +9,12 @@ import numpy as np
 
 from vofem._validate import number, wrong
 from vofem.assembly import SystemBuilder
-from vofem.effects.kinds import Named
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
 from vofem.fractional.laws import ConstantOrder, OrderLaw, TabulatedOrder
 from vofem.laws import SpringpotLaw
-from vofem.parameters import CHOSEN, Kind, OneOf, Real, declared
-from vofem.parameters.nested import read_number_or, write_number_or
+from vofem.parameters import Kind, OneOf, Real, declared
+from vofem.parameters.declared import read_number_or, write_number_or
 from vofem.parameters.place import Book, Invalid, Place
 from vofem.time_functions import Constant
 
@@ -90,7 +89,6 @@ class Springpot(TwoPoints):
     _: KW_ONLY
     coefficient: Annotated[float, Real("N s^order/m", "Coefficient of the law.", least=0)]
     order: Annotated[float | OrderLaw, Order()]
-    name: Named = CHOSEN
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add row and law."""

@@ -13,10 +13,10 @@ from vofem._validate import nearest
 from vofem.effects.kinds import AtPoint
 from vofem.errors import ArgumentError, OutputError, SceneFileError
 from vofem.files.whole import impossible, replacing
-from vofem.io.scenes.changes import changed
 from vofem.io.scenes.reader import read_respond, read_tables
 from vofem.io.scenes.settings import OutputSettings, RespondSettings, RunSettings, UniformTimes
 from vofem.io.scenes.writer import scene_to_toml
+from vofem.parameters import changed
 from vofem.parameters.place import Book, Place
 from vofem.result import Result
 from vofem.scene import Scene

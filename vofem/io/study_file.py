@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,68 @@ from typing import Any
 import numpy as np
 
 from vofem._validate import nearest
+from vofem.arrays import Array
 from vofem.effects.kinds import AtPoint
 from vofem.errors import ArgumentError, SceneFileError, VofemError
 from vofem.io.scene_file import SceneFile, read_content, scene_text
-from vofem.io.scenes.changes import changed
-from vofem.io.scenes.measures import OF_CONTACTS, OF_POINTS, OF_RUNS, Measure
+from vofem.parameters import changed
 from vofem.parameters.place import Book, Place
+from vofem.result import Result
+
+
+def _amplitude(values: Array) -> float:
+    return 0.5 * float(np.ptp(values))
+
+
+def _largest(values: Array) -> float:
+    return float(np.abs(values).max())
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+#: Of the displacement of a point at the stored times, in m: how the numbers are drawn together.
+OF_POINTS: dict[str, Callable[[Array], float]] = {
+    "amplitude": _amplitude,
+    "largest": _largest,
+    "mean": lambda values: float(np.mean(values)),
+    "rms": _rms,
+    "maximum": lambda values: float(np.max(values)),
+    "minimum": lambda values: float(np.min(values)),
+    "final": lambda values: float(values[-1]),
+}
+
+#: Of a contact by its name: closings as a number, forces in N, the share of time during which it is closed.
+OF_CONTACTS = ("closings", "peak_force", "rms_force", "closed_share")
+
+#: Of the run as a whole.
+OF_RUNS = ("balance_error", "segments")
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One quantity of a run."""
+
+    kind: str  #: One of `OF_POINTS`, `OF_CONTACTS` or `OF_RUNS`.
+    of: Any  #: A point, or the name of a contact; None for the run.
+
+    def value(self, result: Result, after: float) -> float:
+        """Return the quantity over the stored times from `after` on, in s."""
+        times = result.times
+        late = times >= after
+        if self.kind in OF_POINTS:
+            return OF_POINTS[self.kind](result.displacement(self.of)[late])
+        if self.kind in OF_CONTACTS:
+            contact = result.contacts[self.of]
+            if self.kind == "closings":
+                return float(np.count_nonzero(contact.closings >= after))
+            if self.kind == "closed_share":
+                return float(np.mean(contact.closed[late]))
+            force = contact.force[late]
+            return _largest(force) if self.kind == "peak_force" else _rms(force)
+        return float(result.energy.balance_error if self.kind == "balance_error" else result.counters.steps)
+
 
 _KEYS = ("values", "measure", "after")
 _LINE = ("start", "stop", "count")

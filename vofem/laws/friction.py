@@ -51,6 +51,11 @@ class FrictionLaws(ListedLaws):
 
     laws: tuple[FrictionLaw, ...]
 
+    @property
+    def special(self) -> bool:
+        """Whether a slider is more than a law with a memory: it is rigid, or its normal force varies."""
+        return any(np.isinf(law.stiffness) or law.contact is not None or law.varies is not None for law in self.laws)
+
     def nonlinearity(self, method: str) -> str | None:
         """Return why the sliders are not linear while their status lasts: belts whose speed has no closed form."""
         for law in self.laws:

@@ -9,15 +9,14 @@ schema, copies with changed values, and what is stored.
 from vofem.parameters.declared import (
     CHOSEN,
     Declaration,
+    OneOf,
     automatic_name,
-    changed,
     content_of,
     declarations,
     declared,
     is_declared,
     label_of,
     rule,
-    value_at,
     values_of,
 )
 from vofem.parameters.kinds import (
@@ -33,7 +32,7 @@ from vofem.parameters.kinds import (
     RealOrArray,
     Unwritable,
 )
-from vofem.parameters.nested import OneOf
+from vofem.parameters.paths import changed, number_at, value_at
 
 __all__ = [
     "CHOSEN",
@@ -57,6 +56,7 @@ __all__ = [
     "declared",
     "is_declared",
     "label_of",
+    "number_at",
     "rule",
     "value_at",
     "values_of",

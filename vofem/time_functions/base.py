@@ -14,7 +14,7 @@ from vofem._validate import number, wrong
 from vofem.arrays import Array
 from vofem.errors import ArgumentError, LoadError
 from vofem.parameters import Kind, OneOf, Real, Unwritable, declared
-from vofem.parameters.nested import read_number_or
+from vofem.parameters.declared import read_number_or
 from vofem.parameters.place import INVALID, Book, Invalid, Place
 from vofem.time_functions.moments import gather, sampled, straight
 from vofem.time_functions.piece import Piece

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal, get_args
 
+from vofem.bodies import Mass
+from vofem.effects import Contact
 from vofem.integrators import methods as built_in
 from vofem.integrators.registry import method_named, methods
 from vofem.result import Result
@@ -16,7 +18,9 @@ from vofem.studies.steady import Branch, PeriodicOrbit, continuation, periodic
 from vofem.vibration import Modes, modes
 
 #: Verdicts. "reported": beyond its tolerance, and a note of the run says so.
-PASSED, REPORTED, REFUSED, STOPPED, FAILED = "passed", "reported", "refused", "stopped", "FAILED"
+Verdict = Literal["passed", "reported", "refused", "stopped", "FAILED"]
+VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
+PASSED, REPORTED, REFUSED, STOPPED, FAILED = VERDICTS
 
 #: The methods of this package for which every case says what is expected. Methods for one law only have
 #: tests of their own.
@@ -68,7 +72,7 @@ class How:
 
     tolerance: float = 0.0  #: Tolerance of the quantities that have none of their own.
     options: Mapping[str, Any] = field(default_factory=dict)  #: Further arguments of `simulate`, such as dt.
-    expected: str = PASSED  #: PASSED, REPORTED, REFUSED or STOPPED.
+    expected: Verdict = "passed"  #: But not "FAILED".
     says: str = ""  #: Regular expression that the error message, or one of the notes, must match.
     slow: bool = False  #: Left out in quick runs.
     may_refuse: bool = False  #: Whether the method may refuse the case instead, whatever is expected of it otherwise.
@@ -153,6 +157,20 @@ def stepping(dt: float, tolerance: float = 0.0, **more: Any) -> dict[str, How]:
     return {method: How(tolerance, {"dt": dt}, **more) for method in (CONSERVING, ALPHA, CENTRAL)}
 
 
+def every(tolerance: float = 0.0, **more: Any) -> dict[str, How]:
+    """Return how all methods are run that say of themselves how long their steps are."""
+    return {method: How(tolerance, **more) for method in DYNAMIC}
+
+
 def exact(tolerance: float = 0.0, **more: Any) -> dict[str, How]:
     """Return how event_driven is run."""
     return {EVENT_DRIVEN: How(tolerance, **more)}
+
+
+def on_stop(
+    mass: Mass, gap: float, stiffness: float, start: tuple[float, float] | None = None, *more: Any,
+    side: Literal["below", "above"] = "above", damping: float = 0.0,
+) -> Scene:  # fmt: skip
+    """Return a mass before an elastic stop that is named "stop", with further effects, from a state in m and m/s."""
+    stop = Contact(mass, gap=gap, stiffness=stiffness, damping=damping, side=side, acts_on="penetration", name="stop")
+    return Scene([mass], [stop, *more], initial=None if start is None else {mass: start})

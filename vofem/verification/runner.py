@@ -116,8 +116,8 @@ def judge(case: Case, method: str, how: How) -> Outcome:
         values = case.measure(run)
     except VofemError as error:
         # Wrong arguments, scenes and steps, and structures that nothing holds, are found before the first step.
-        verdict = REFUSED if isinstance(error, (ArgumentError, SingularSystemError)) else STOPPED
-        return Outcome(case, method, *_of_error(case, method, how, verdict, str(error)), time.perf_counter() - begin)
+        ended = REFUSED if isinstance(error, (ArgumentError, SingularSystemError)) else STOPPED
+        return Outcome(case, method, *_of_error(case, method, how, ended, str(error)), time.perf_counter() - begin)
     except Exception as error:
         message = f"{type(error).__name__}: {error}"
         return Outcome(case, method, FAILED, (), message, time.perf_counter() - begin)

@@ -18,9 +18,9 @@ from vofem.errors import ArgumentError
 from vofem.files.whole import replacing, target
 from vofem.histories.impacts import window_of
 from vofem.histories.tables import points_of_interest
-from vofem.io.movies.mode_shapes import mode_snapshots
-from vofem.io.movies.views import AxesView, SideView, SpaceView, View, side_view
+from vofem.io.movies.views import AxesView, SideView, SpaceView, View, mode_snapshots, side_view
 from vofem.io.movies.writing import SUFFIXES, check, true_rate, write
+from vofem.io.pictures.histories import end_of
 from vofem.progress import Progress, TerminalBar
 from vofem.result import Result
 from vofem.scene import Scene
@@ -183,8 +183,7 @@ def _of_runs(
         )
     repeats = all(isinstance(one, PeriodicOrbit) for one in named.values()) and window is None
     runs = {title: one.result if isinstance(one, PeriodicOrbit) else one for title, one in named.items()}
-    last = min(min(float(run.times[-1]), run.solution.t_end) for run in runs.values())
-    begin, end = window_of("animate", window, last)
+    begin, end = window_of("animate", window, min(map(end_of, runs.values())))
     count = _count(end - begin, *timing, _LOOP if repeats else _FRAMES)
     times = np.linspace(begin, end, count, endpoint=not repeats)
     views: list[View] = []

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import MissingPackageError
-from vofem.io.pictures import arrows, drawing
+from vofem.io.pictures import drawing, links
 
 Frame = NDArray[np.uint8]
 
@@ -75,7 +75,7 @@ def _palette() -> Any:
     from PIL import Image
 
     shades = np.linspace(0.0, 1.0, _SHADES, endpoint=False)[:, None]
-    named = [(1.0 - shades) * np.array(to_rgb(name)) + shades for name in (*drawing.PALETTE, arrows.LOAD, arrows.GLOW)]
+    named = [(1.0 - shades) * np.array(to_rgb(name)) + shades for name in (*drawing.PALETTE, links.LOAD, links.GLOW)]
     moments = colormaps[drawing.COLORMAP](np.linspace(0.0, 1.0, _MOMENTS))[:, :3]
     image = Image.new("P", (1, 1))
     image.putpalette(np.round(255.0 * np.concatenate([np.ones((1, 3)), *named, moments])).astype(np.uint8).tobytes())

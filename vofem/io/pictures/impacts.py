@@ -42,10 +42,6 @@ def force_histogram(
     Parameters
     ----------
     result : Result
-    contact : Contact or str, optional
-        The contact. It must be given if the scene has several.
-    window : (float, float), optional
-        Begin and end of the time that is drawn, in s. The default is the whole run.
     bins : int
         Number of bins of the histogram.
 
@@ -95,8 +91,6 @@ def impact_statistics(
     Parameters
     ----------
     result : Result
-    contact : Contact or str, optional
-        The contact. It must be given if the scene has several.
     window : (float, float), optional
         Impacts that begin between these times in s; all of them where not given.
     bins : int
@@ -144,8 +138,6 @@ def event_raster(
     Parameters
     ----------
     result : Result
-    window : (float, float), optional
-        Begin and end of the time that is drawn, in s. The default is the whole run.
 
     Raises
     ------

@@ -10,10 +10,9 @@ from vofem.bodies import Body, Point
 from vofem.bodies.kinds import Along
 from vofem.effects.kinds import OnBody
 from vofem.errors import ArgumentError, VofemError
-from vofem.io.scenes.changes import number_at
 from vofem.io.scenes.schema import BODIES, EFFECTS, keys, read_table
 from vofem.io.scenes.settings import OutputSettings, RespondSettings, RunSettings, read_run
-from vofem.parameters import Kind, Name, Real, declarations, is_declared
+from vofem.parameters import Kind, Name, Real, declarations, is_declared, number_at
 from vofem.parameters.declared import read
 from vofem.parameters.place import Book, Invalid, Place
 from vofem.scene import Scene

@@ -11,11 +11,10 @@ from vofem.bodies.kinds import Along
 from vofem.errors import ArgumentError, SceneFileError
 from vofem.files import toml_text
 from vofem.initial import StoredState
-from vofem.io.scenes.changes import number_at
 from vofem.io.scenes.reader import INITIAL
 from vofem.io.scenes.schema import BODIES, EFFECTS, write_table
 from vofem.io.scenes.settings import OutputSettings, RespondSettings, RunSettings, write_run
-from vofem.parameters import Unwritable
+from vofem.parameters import Unwritable, number_at
 from vofem.parameters.declared import write
 from vofem.parameters.place import Book, Place
 from vofem.scene import Scene, as_scene
