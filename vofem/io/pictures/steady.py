@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import groupby
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem._validate import several
 from vofem.arrays import Array
 from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
@@ -38,8 +39,6 @@ _LINES = {
 
 #: So many special points are marked at full size.
 _FEW = 8
-
-K = TypeVar("K")
 
 #: Times at which a phase portrait is drawn beside those of events.
 _DENSE = 2001
@@ -71,8 +70,10 @@ def response_curve(
     ArgumentError
         If the branch has no orbits, or `point` is not a point of a body.
     """
-    branches = _several("response_curve", branch, Branch, "branches with orbits, such as vf.continuation returns")
+    branches = several("response_curve: branch", branch, Branch, "vf.continuation")
     place = as_point("response_curve: point", point)
+    if not all(len(one) for one in branches):
+        raise ArgumentError("response_curve: a branch has no orbits; its status says why it ended")
     heights = [one.amplitude(place) for one in branches]
     marked = [[(s, s.orbit.amplitude(place)) for s in one.special] for one in branches]
     scale = length(float(max(part.max() for part in heights)))
@@ -126,7 +127,7 @@ def locus(
     ArgumentError
         If an argument is not a locus.
     """
-    loci = _several("locus", curves, Locus, "loci, such as vf.locus returns")
+    loci = several("locus: curves", curves, Locus, "vf.locus")
     canvas = Canvas("locus", path, ax, (9.0, 5.4))
     axes = canvas.grid[0, 0]
     for one in loci:
@@ -145,14 +146,6 @@ def locus(
     axes.set_title(plain(title or "loci of special points"), fontsize=text_size(11))
     legend(axes, most=12)
     return canvas
-
-
-def _several(what: str, given: Any, kind: type[K], expected: str) -> list[K]:
-    """Return the outcomes to draw, of which one may be given alone, checked."""
-    found = [given] if isinstance(given, kind) or not isinstance(given, Iterable) else list(given)
-    if not found or not all(isinstance(one, kind) and getattr(one, "orbits", True) for one in found):
-        raise ArgumentError(f"{what}: found {given!r}, expected one or more {expected}")
-    return found
 
 
 def _runs(branch: Branch) -> Iterator[tuple[bool | None, slice]]:
@@ -179,7 +172,8 @@ def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: W
     ArgumentError
         If the multipliers of an orbit are not known.
     """
-    orbits = [orbit] if isinstance(orbit, PeriodicOrbit) else list(orbit.orbits if isinstance(orbit, Branch) else orbit)
+    given = list(orbit.orbits) if isinstance(orbit, Branch) else orbit
+    orbits = several("multipliers: orbit", given, PeriodicOrbit, "vf.periodic")
     known = [one.multipliers for one in orbits if one.multipliers is not None]
     if not known or len(known) < len(orbits):
         raise ArgumentError(
@@ -232,7 +226,7 @@ def phase_portrait(
     ArgumentError
         If an argument is not an orbit, or not a point.
     """
-    orbits = _several("phase_portrait", orbit, PeriodicOrbit, "orbits, such as vf.periodic returns")
+    orbits = several("phase_portrait: orbit", orbit, PeriodicOrbit, "vf.periodic")
     place = as_point("phase_portrait: point", point)
     canvas = Canvas("phase_portrait", path, ax, (7.6, 5.4))
     axes = canvas.grid[0, 0]
@@ -317,7 +311,7 @@ def backbone_curve(branch: Branch | Sequence[Branch], path: Where = None, *, ax:
     ArgumentError
         If the branch is not a backbone.
     """
-    branches = _several("backbone_curve", branch, Branch, "branches with orbits, as vf.backbone returns")
+    branches = several("backbone_curve: branch", branch, Branch, "vf.backbone")
     canvas = Canvas("backbone_curve", path, ax, (7.6, 5.2))
     axes = canvas.grid[0, 0]
     for k, one in enumerate(branches):
