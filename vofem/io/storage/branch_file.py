@@ -19,9 +19,9 @@ from vofem.arrays import Array
 from vofem.errors import ArgumentError, ConvergenceError, MissingCallableError, SceneFileError
 from vofem.files.hdf5 import check_format, mark_format, writing
 from vofem.files.whole import target
-from vofem.io.scenes.reader import read_tables
-from vofem.io.scenes.writer import scene_to_toml
+from vofem.io.scenes.scene_text import read_tables, scene_to_toml
 from vofem.io.storage.tree import read_tree, write_tree
+from vofem.parameters import changed
 from vofem.parameters.place import Book
 from vofem.scene import Scene
 from vofem.studies.steady import Branch, BranchCounters, Locus, PeriodicOrbit, SpecialPoint
@@ -225,14 +225,14 @@ class _Loaded:
         self._kept, self._values, self._special, self._orbits, self._folder = kept, values, special, orbits, folder
 
     @cached_property
-    def _numbers(self) -> dict[tuple[Any, ...], Polynomial | float]:
-        """The numbers of the scenes by their place in the tables, as polynomials in the parameter where they change."""
+    def _numbers(self) -> dict[tuple[Any, ...], Polynomial]:
+        """The numbers of the scenes that change, by their place in the tables, as polynomials in the parameter."""
         count = self._values.size
         texts = self._kept["scenes"][:count]
         if not all(texts):
             _scene("", next(p for p in self._kept["problems"] if p), self._folder)
         tables = [dict(_leaves(tomllib.loads(text), ())) for text in texts]
-        found: dict[tuple[Any, ...], Polynomial | float] = {}
+        found: dict[tuple[Any, ...], Polynomial] = {}
         for place, first in tables[0].items():
             entries = [table.get(place) for table in tables]
             if entries.count(first) == count:
@@ -259,13 +259,8 @@ class _Loaded:
     def build(self, value: float) -> Scene:
         """Return the scene at a value of the parameter."""
         text = self._kept["scenes"][0]
-        content = tomllib.loads(text)
-        for place, number in self._numbers.items():
-            table: Any = content
-            for key in place[:-1]:
-                table = table[key]
-            table[place[-1]] = float(number(value)) if isinstance(number, Polynomial) else number
-        return _scene(text, "", self._folder, content)
+        numbers = {place: float(number(value)) for place, number in self._numbers.items()}
+        return _scene(text, "", self._folder, changed(tomllib.loads(text), numbers))
 
     def at(self, value: float) -> list[PeriodicOrbit]:
         """Return all orbits at a value of the parameter, from their neighbours in the file."""

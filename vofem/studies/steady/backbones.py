@@ -153,7 +153,9 @@ def backbone(
 
 def _check(scene: Scene, system: System) -> None:
     """Raise where a scene is not conservative."""
-    reason = shooting_refusal(scene) if system.sliders is None else system.sliders.refusal("a free oscillation")
+    if system.sliders is not None:
+        raise MethodError(system.sliders.refusal("backbone"))
+    reason = shooting_refusal(scene)
     if reason is not None:
         raise MethodError(f"backbone: {reason.split('. Use ')[0].split('; use')[0]}")
     rigid = None if system.contacts is None else system.contacts.rigid_refusal("backbone")
