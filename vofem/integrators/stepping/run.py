@@ -19,7 +19,7 @@ from vofem.integrators.stepping.checks import check_times, contact_checks
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.kernel import Equations, Rules, Size, advance, work_space
 from vofem.integrators.stepping.movement import Movement
-from vofem.integrators.stepping.reactions import ABSENT, ACTS, HOLDS, PUSHES
+from vofem.integrators.stepping.reactions import ABSENT, ACTS, HOLDS, PUSHES, begin_reactions
 from vofem.integrators.stepping.record import Path, Record, Switches, hysteretic_energy
 from vofem.integrators.stepping.scheme import Forcing, Loaded, Scheme
 from vofem.integrators.stepping.step_loads import StepLoads
@@ -141,6 +141,8 @@ class Run:
         self.initial = status
         self.switches = Switches(system.contacts, self.rows, status)
         self.sizes: dict[float, Loaded] = {}
+        self._space: Any = None
+        self._of: Size | None = None
         chunk = self.path.chunk
         chunk.q[0], chunk.v[0], chunk.u[0], chunk.past[0] = q, v, u, laws.state
         self.kick, self.load = np.zeros(0), np.zeros(system.size)
@@ -358,7 +360,7 @@ class Run:
             return self.advanced(path, dt, t, forcing, pots)
         first, self.taken = path.filled, 0
         for k, end in enumerate(t.tolist()):
-            if not self.sliders.whole(self, path, dt, end, forcing.at(k)):
+            if not self.sliders.step(self, path, dt, end, forcing.at(k), cut=False):
                 break
             self.taken, path.filled = k + 1, path.filled + 1
         path.filled = first
@@ -387,9 +389,9 @@ class Run:
                 assert rules is not None
                 rows, rates = self.movement.rows(ahead)
                 equations, rules = equations._replace(rows=rows), rules._replace(rates=rates)
-        earlier = path.chunk.a[max(path.filled - 1, 0)]
+        earlier = path.chunk.a[max(path.filled - 1, 0)] if self.scheme.mean else None
         self.taken, solves = advance(
-            equations, *size, self.dampers, pots, drift, rules, force, shift, earlier, chunk, self._work(size)
+            equations, *size[:3], self.dampers, pots, drift, rules, force, shift, earlier, chunk, self._work(size)
         )
         if self.callbacks is not None:
             self.callbacks.complain(dt)
@@ -431,8 +433,13 @@ class Run:
 
     def _work(self, size: Size) -> Any:
         """Return work space."""
-        if not hasattr(self, "_space"):
+        if self._space is None:
             self._space = work_space(self.equations, size)
+        if self._of is not size:
+            self._of, work, numbers = size, self._space[0], size.numbers
+            begin_reactions(
+                work.reactions, numbers.way, numbers.per_y, numbers.part, size.coupling, size.factored, size.banded
+            )  # fmt: skip
         return self._space[0]
 
     def enter(self, path: Path, dt: float, t: Array, forcing: Forcing) -> None:
