@@ -67,7 +67,9 @@ def _check(groups: Sequence[LawGroup]) -> None:
         what = "contacts" if groups[0].place == 0 else "springs"
         raise ArgumentError(f"{what} named {twice!r} occur more than once; give each its own name")
     for group in groups:
-        riders = () if group.moving is None else group.moving.riders
-        for k, (label, row) in enumerate(zip(group.labels, group.rows, strict=True)):
-            if not np.any(row.data) and k not in riders:
-                raise ArgumentError(f"{label} can never move: its points lie on supports or are tied by a joint")
+        riders = () if group.moving is None else tuple(group.moving.riders)
+        held = np.asarray(abs(group.rows).sum(axis=1)).ravel() == 0.0
+        held[list(riders)] = False
+        if np.any(held):
+            label = group.labels[int(np.argmax(held))]
+            raise ArgumentError(f"{label} can never move: its points lie on supports or are tied by a joint")

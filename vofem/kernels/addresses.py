@@ -11,17 +11,14 @@ of their places instead. Whoever writes these places keeps the arrays.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import cache
-from types import CellType, FunctionType
+from functools import cache, partial
 from typing import Any
 from weakref import WeakValueDictionary
 
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
-from vofem.kernels.cache import source_stamp
-from vofem.kernels.jit import CompiledFunction, Intrinsic, without_collections
+from vofem.kernels.jit import CompiledFunction, Intrinsic, compiled_form, imported_numba, without_collections
 from vofem.kernels.mode import compiled
 
 #: Functions and arrays by the negative numbers that stand for their addresses in plain Python.
@@ -51,27 +48,12 @@ def plain_address(known: Any) -> int:
 
 @cache
 def _compiled_address(function: CompiledFunction) -> int:
-    from numba import cfunc, types
-
-    numbers, known = types.CPointer(types.float64), _stamped(function.prepared)
+    types = imported_numba().types
+    numbers = types.CPointer(types.float64)
     kind = types.float64(types.int64, numbers, numbers, types.float64, types.float64)
     with without_collections():
-        try:
-            _KEPT.append(cfunc(kind, cache=True, error_model="numpy")(known))
-        except RuntimeError:  # numba: "cannot cache function: no locator available"
-            _KEPT.append(cfunc(kind, error_model="numpy")(known))
+        _KEPT.append(compiled_form(partial(imported_numba().cfunc, kind), function.prepared))
     return int(_KEPT[-1].address)
-
-
-def _stamped(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function that numba finds on disk only as long as no source changes that holds kernels.
-
-    Its key counts the values that a function closes over, but not the kernels that this one calls.
-    """
-    code, cell = function.__code__, CellType(source_stamp())
-    code = code.replace(co_freevars=(*code.co_freevars, "stamp"))
-    closure = (*(function.__closure__ or ()), cell)
-    return FunctionType(code, function.__globals__, function.__name__, function.__defaults__, closure)
 
 
 def _call_address() -> Any:

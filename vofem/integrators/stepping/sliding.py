@@ -77,8 +77,7 @@ class Sliders:
     `rigid` has shape (k,).
     `pressing` (shape (k,)): numbers of the contacts that press, -1 for none.
     `varying` (shape (k,)): whether the normal force is not constant.
-    `chosen`, `special`, `belts`: whether statuses have to be found, as for rigid sliders, whether rows other than laws
-    are needed, and whether there are belts.
+    `chosen`, `belts`: whether statuses have to be found, as for rigid sliders, and whether there are belts.
     `log` (shape (6, k)): after every step: the quantities of `SliderSamples`.
     `times`: ends of these steps, s.
     `turns`: time, slider, and 0 where sliding ends, 1 where sticking ends.
@@ -101,7 +100,6 @@ class Sliders:
         self.pressing = np.array([-1 if law.contact is None else names.index(law.contact) for law in self.laws])
         self.varying = np.array([law.contact is not None or law.varies is not None for law in self.laws])
         self.chosen, self.belts = bool(self.rigid.any()), any(law.belt is not None for law in self.laws)
-        self.special = self.chosen or bool(self.varying.any())
         self._still = np.zeros(count)
         slip, none, self.fastest = self.slip(v, 0.0), np.full(count, np.inf), np.zeros(count)
         status = np.where(self.rigid & ~self.small(slip, v, 0.0), np.sign(slip), 0).astype(np.int64)
