@@ -16,7 +16,7 @@ from vofem.assembly import SystemBuilder
 from vofem.effects.kinds import Named
 from vofem.effects.two_points import TwoPoints, Units
 from vofem.errors import ArgumentError
-from vofem.laws import HystereticLaw
+from vofem.laws import Law
 from vofem.laws.hysteretic import jenkins
 from vofem.parameters import CHOSEN, Numbers, Real, declared, label_of, rule
 
@@ -26,7 +26,7 @@ class JenkinsSpring(TwoPoints):
     """A spring of parallel Jenkins elements; subclasses say of which ones by their rules, which set the law."""
 
     name: Named = field(default=CHOSEN, kw_only=True)
-    _law: HystereticLaw = field(init=False)
+    _law: Law = field(init=False)
 
     @property
     def limit_load(self) -> float:
@@ -106,7 +106,7 @@ class BilinearSpring(JenkinsSpring):
         self._law = _jenkins(label_of(self), self.name, slopes, np.array([self.linear_limit]), self.units)
 
 
-def _law(label: str, name: str, elongation: Array, force: Array, units: Units) -> HystereticLaw:
+def _law(label: str, name: str, elongation: Array, force: Array, units: Units) -> Law:
     """Return the law of a curve through the origin and some points."""
     if elongation.ndim != 1 or elongation.shape != force.shape:
         raise ArgumentError(
@@ -140,7 +140,7 @@ def _law(label: str, name: str, elongation: Array, force: Array, units: Units) -
     return _jenkins(label, name, slopes, elongation[:-1], units)
 
 
-def _jenkins(label: str, name: str, slopes: Array, bends: Array, units: Units) -> HystereticLaw:
+def _jenkins(label: str, name: str, slopes: Array, bends: Array, units: Units) -> Law:
     """Return the law of given slopes, shape (n + 1,), with bends between them, shape (n,)."""
     stiffness = slopes[:-1] - slopes[1:]
     kept = stiffness > 1e-12 * slopes[0]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from vofem.errors import ArgumentError
-from vofem.laws import HystereticLaw, LinearLevel
+from vofem.laws import Law, LinearLevel
 from vofem.laws.hysteretic import cyclic
 from vofem.laws.softening_curve import checked_level, limit_load, tabulate
 from vofem.parameters import Kind, OneOf, Real, declared
@@ -101,7 +101,7 @@ class Backbone:
         assert not isinstance(self.softening, LinearSoftening)
         return checked_level(self.label, self.softening, force)
 
-    def law(self, name: str, one_sided: bool = False, gap: float = 0.0, unit: str = "N") -> HystereticLaw:
+    def law(self, name: str, one_sided: bool = False, gap: float = 0.0, unit: str = "N") -> Law:
         """Return the cyclic law on this backbone."""
         span, table = None, None
         if isinstance(self.softening, LinearSoftening):
