@@ -577,7 +577,7 @@ def test_friction_under_a_contact_is_refused_where_it_cannot_be_treated() -> Non
     ):
         with pytest.raises(vf.ArgumentError, match=f"{found} given, expected one of them"):
             vf.Friction(x, coefficient=0.1, **given)
-    with pytest.raises(vf.ArgumentError, match="the scene has no contact 'flor' to press it; it has 'floor'"):
+    with pytest.raises(vf.ArgumentError, match="contact is 'flor', expected a contact of the scene, which has 'floor'"):
         vf.Scene(scene.bodies, [*scene.effects[1:], vf.Friction(x, coefficient=0.1, contact="flor")])
     twins = [vf.Friction(x, coefficient=0.1, normal=1.0, name=name) for name in ("one", "two")]
     with pytest.raises(vf.MethodError, match="'one' and Friction 'two' act on coordinates that depend on each other"):

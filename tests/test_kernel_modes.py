@@ -1,6 +1,9 @@
 """Kernels as plain Python and as machine code: the same results to rounding, each whole, decided once."""
 
+import os
 import random
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -255,3 +258,12 @@ def test_compiled_says_what_it_takes():
     _, scene = paper_beam("displacement")
     with pytest.raises(vf.ArgumentError, match="compiled is 'yes', expected True, False"):
         vf.simulate(scene, 1.0, compiled="yes")
+
+
+def test_a_wrong_environment_variable_is_told():
+    run = subprocess.run(
+        [sys.executable, "-c", "import vofem.kernels.mode"], env={**os.environ, "VOFEM_COMPILED": "never"},
+        stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert run.returncode == 1
+    assert "VOFEM_COMPILED is 'never', expected 1 for compiled code or 0 for plain Python" in run.stderr

@@ -243,7 +243,7 @@ class SystemBuilder:
         """Return the loads that travel, one for each degree of freedom of their beams."""
         loads = []
         for body, riders in self._travelling.items():
-            from vofem.bodies.travelling_load import TravellingLoad
+            from vofem.bodies.path import TravellingLoad
 
             name = riders[0][2] if len(riders) == 1 else f"{len(riders)} loads that travel along {body.label}"
             for dof in range(body.size):

@@ -9,11 +9,10 @@ from typing import Annotated
 import numpy as np
 
 from vofem.assembly import SystemBuilder
-from vofem.effects.kinds import Named
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
 from vofem.laws import Law, Smooth
-from vofem.parameters import CHOSEN, Function, declared, label_of, rule
+from vofem.parameters import Function, declared, label_of, rule
 
 #: Elongations in m at which force and potential are compared.
 _SAMPLES = (-1.0, -0.1, -1e-2, -1e-3, 1e-3, 1e-2, 0.1, 1.0)
@@ -44,7 +43,6 @@ class NonlinearSpring(TwoPoints):
             "``F = k u``.",
         ),
     ]
-    name: Named = CHOSEN
 
     @rule("force", "potential")
     def _force_is_the_derivative(self) -> None:

@@ -10,11 +10,11 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import number
+from vofem._validate import number, wrong
 from vofem.arrays import Array
 from vofem.errors import ArgumentError, LoadError
 from vofem.parameters import Kind, OneOf, Real, Unwritable, declared
-from vofem.parameters.nested import read_number_or
+from vofem.parameters.kinds import Either
 from vofem.parameters.place import INVALID, Book, Invalid, Place
 from vofem.time_functions.moments import gather, sampled, straight
 from vofem.time_functions.piece import Piece
@@ -155,7 +155,7 @@ _NAMED = OneOf(classes=FUNCTIONS, expected="a function of time such as { sine = 
 
 
 @dataclass(frozen=True)
-class OfTime(Kind):
+class OfTime(Either):
     """A parameter that is a function of time: a number, a `TimeFunction` or a callable."""
 
     unit: str = ""
@@ -170,13 +170,17 @@ class OfTime(Kind):
         """What it means, and its unit."""
         return f"{self.text} In {self.unit}. A callable takes one time in s." if self.unit else self.text
 
+    def forms(self) -> tuple[Kind | None, Kind | None, Kind | None]:
+        """Return both."""
+        return Real(), None, _NAMED
+
     def check(self, what: str, value: Any) -> TimeFunction:
         """Return the function."""
-        return as_time_function(value)
+        return as_time_function(value, what)
 
     def read(self, value: Any, place: Place) -> TimeFunction | Invalid:
         """Return the function of a number or of a table."""
-        read = read_number_or(Real(), _NAMED, self.expected, value, place)
+        read = super().read(value, place)
         return read if isinstance(read, Invalid) else as_time_function(read)
 
     def write(self, value: Any, book: Book) -> Any:
@@ -187,6 +191,10 @@ class OfTime(Kind):
         if not function.written_out:
             raise Unwritable(f"{function!r} is a callable, which a scene file cannot hold; use one of {_NAMED.names()}")
         return _NAMED.write(function, book)
+
+    def described(self) -> dict[str, Any]:
+        """Return the definition that all functions of time share."""
+        return Kind.described(self)
 
 
 @dataclass(frozen=True)
@@ -420,17 +428,15 @@ class Arbitrary(TimeFunction):
         raise ArgumentError(f"load function {self._name} has no closed form; use Sine, Ramp, Tabulated, ...")
 
 
-def as_time_function(value: Any) -> TimeFunction:
-    """Return a number, a callable of t or a `TimeFunction` as a `TimeFunction`."""
+def as_time_function(value: Any, what: str = "a function of time") -> TimeFunction:
+    """Return a number, a callable of t or a `TimeFunction` as a `TimeFunction`; `what` names it in messages."""
     if isinstance(value, TimeFunction):
         return value
     if callable(value):
         return Arbitrary(value)
     if isinstance(value, str) or not np.isscalar(value):
-        raise ArgumentError(
-            f"a load's time function is {value!r}, expected a number, a callable of t, Sine, Ramp, Tabulated, ..."
-        )
-    return Constant(number("a load's time function", value))
+        raise wrong(what, repr(value), "a number, a callable of t, Sine, Ramp, Tabulated, ...")
+    return Constant(number(what, value))
 
 
 #: What `as_time_function` takes.

@@ -261,10 +261,10 @@ class Run:
         if self.guides is not None:
             ahead = np.concatenate([[t[0] - dt], t, [t[-1] + dt]])
             equations, drift, rules = self.guides.over(path, ahead, equations, status)
-        size = known.size
+        earlier = path.chunk.a[max(path.filled - 1, 0)]
         self.taken, solves = advance(
-            equations, size.numbers, size.factored, size.compliance, size.band, self.dampers, pots, drift, rules, force,
-            shift, path.chunk.a[max(path.filled - 1, 0)], path.steps(t.size), self._work(size),
+            equations, *known.size, self.dampers, pots, drift, rules, force, shift, earlier, path.steps(t.size),
+            self._work(known.size),
         )  # fmt: skip
         if self.callbacks is not None:
             self.callbacks.complain(dt)
@@ -273,8 +273,8 @@ class Run:
     def _work(self, size: Size) -> Any:
         """Return work space."""
         if not hasattr(self, "_space"):
-            self._space = work_space(self.system.size, len(self.laws), size)
-        return self._space
+            self._space = work_space(self.equations, size)
+        return self._space[0]
 
     def enter(self, path: Path, dt: float, t: Array, forcing: Forcing) -> None:
         """Enter steps that were taken into a path: their times and energies."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from vofem.arrays import Array
 from vofem.bodies import Beam, Mass, Path, Point, TravellingPoint
-from vofem.bodies.supports import ByNode
+from vofem.bodies.axis import ByNode
 from vofem.effects import LinearSoftening, NonlinearSpring, Resolved
 from vofem.errors import ArgumentError, MissingCallableError
 from vofem.fractional import TabulatedOrder
