@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.integrators.event_driven.modal_space import ModalSpace
-from vofem.integrators.event_driven.pieces import turned
+from vofem.integrators.event_driven.pieces import turned, turns
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.linalg.exponential import matrix_change
 from vofem.system import CLOSED, PINNED, ContactLaws
@@ -61,7 +61,8 @@ class Passage(NamedTuple):
 def drifted(spectrum: Spectrum, z: Array, v: Array, duration: float) -> tuple[Array, Array]:
     """Return changes, each (n, k), after a duration in s of the free motion of a status."""
     z, v = spectrum.to_blocks(z, v, shifted=False)
-    after_z, after_v = turned(spectrum.delta, spectrum.p, duration, z, v)
+    delta, p = spectrum.delta, spectrum.p
+    after_z, after_v = turned(delta, p, *turns(delta, p, duration), z, v)
     for cluster in () if spectrum.blocks is None else spectrum.blocks.clusters:
         k = cluster.member
         both = np.concatenate([z[k], v[k]])
