@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
-from vofem.integrators.event_driven.blocks import Blocks, blocks_of, changes, row_changes
+from vofem.integrators.event_driven.blocks import Blocks, blocks_of, changes
 from vofem.integrators.event_driven.clusters import group_of
 from vofem.integrators.event_driven.exosystem import Exosystem, Kind
 from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
@@ -33,9 +33,6 @@ Integers = NDArray[np.int64]
 
 #: Linear pieces that are kept with an eigensystem, and only one in systems of more modes than these.
 _MOST_REGIMES, _FEW_MODES = 8, 300
-
-#: Numbers of states up to which a motion is sampled at all times at once.
-_FEW_NUMBERS = 2000
 
 #: A harmonic counts as resonant where the steady answer would exceed ten times the static one.
 RESONANT = 0.1
@@ -411,18 +408,9 @@ class Motion:
         return displacement.T, velocity.T
 
     def sampled(self, rows: Array, low: float, high: float, count: int) -> tuple[Array, Array, Array]:
-        """Return times, at least so many equal steps, and modal rows (k, n) of displacements and velocities there."""
-        blocks, over = self.regime.blocks, self.regime.over_blocks(rows)
-        fine = max(int(np.sqrt(count)), 1) if blocks.group is None and count * blocks.of.shape[1] > _FEW_NUMBERS else 1
-        tau = np.linspace(low, high, -(-count // fine) * fine + 1)
-        changes = flat(self.changes(tau[::fine]))
-        values = over @ changes.T
-        if fine > 1:
-            # Each of these times begins a few steps over which the rows change.
-            later = row_changes(blocks, over.reshape(len(over), *self.start.shape), tau[:fine] - low)
-            more = (changes + self.start.ravel()) @ later.reshape(-1, changes.shape[1]).T
-            values = values[:, :, None] + more.reshape(len(changes), fine, len(over)).transpose(2, 0, 1)
-            values = values.reshape(len(over), -1)[:, : tau.size]
+        """Return times, so many equal steps, and modal rows (k, n) of displacements and velocities there."""
+        tau = np.linspace(low, high, count + 1)
+        values = self.regime.over_blocks(rows) @ flat(self.changes(tau)).T
         begin = np.concatenate([rows @ self.displacement, rows @ self.velocity])
         displacement, velocity = np.split(values + begin[:, None], 2)
         return tau, displacement, velocity
