@@ -12,8 +12,6 @@ from scipy.integrate import quad
 import vofem as vf
 from vofem.io import plot
 
-pytestmark = pytest.mark.kernels("plain")
-
 METHODS = ["energy_conserving", "generalized_alpha", "central_difference"]
 
 numbers = st.floats(-5.0, 5.0)
