@@ -57,7 +57,7 @@ def test_a_store_gives_the_same_diagram_without_computing(tmp_path, monkeypatch)
     def refuse(*_, **__):
         raise AssertionError("computed again")
 
-    monkeypatch.setattr("vofem.studies.diagrams.stroboscope.simulate", refuse)
+    monkeypatch.setattr("vofem.studies.diagrams.bifurcation.simulate", refuse)
     again = vf.bifurcation_diagram(functions.two_masses, values, store=store, **arguments)
     for start in ("rest", "up", "down"):
         assert again.displacement(start=start).tobytes() == first.displacement(start=start).tobytes()

@@ -218,6 +218,19 @@ def test_a_run_that_outlasts_the_patience_begins_anew(choice, undecided, monkeyp
     assert choice == ["event_driven"]
 
 
+def test_a_run_that_ended_in_plain_python_is_compiled_once_it_goes_on(choice, undecided, monkeypatch, tmp_path):
+    """Power is lost in the first seconds: what goes on is not bound to the slow way that a run begins in."""
+    _, scene = paper_beam("displacement")
+    broken_off(tmp_path / "run.checkpoint", 0.5, scene, 6.0, method="event_driven")
+    whole = vf.simulate(scene, 6.0, compiled=True, method="event_driven")
+    monkeypatch.setattr(compile_choice, "_ready", set())
+    monkeypatch.setattr(compile_choice, "_spent", {})
+    monkeypatch.setattr(compile_choice, "COMPILING", 1e-6)
+    resumed = vf.resume(tmp_path / "run.checkpoint")
+    assert resumed.compiled
+    assert np.array_equal(resumed.samples.q, whole.samples.q)
+
+
 def test_statics_that_outlast_the_patience_begin_anew(choice, undecided, monkeypatch):
     mass = vf.Mass(1.0, stiffness=1.0)
     spring = vf.BilinearSpring(mass, stiffness=3.0, linear_limit=0.005, hardening=0.5)

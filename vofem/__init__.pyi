@@ -60,9 +60,9 @@ from .fitting import MeasuredFrequencies as MeasuredFrequencies
 from .fitting import MeasuredStatics as MeasuredStatics
 from .fitting import fit as fit
 from .io.saved import load as load
+from .io.saved import resume as resume
 from .io.scene_file import dump_scene as dump_scene
 from .io.scene_file import load_scene as load_scene
-from .io.storage.checkpoint import resume as resume
 from .polynomial import Polynomial as Polynomial
 from .result import Result as Result
 from .scene import Scene as Scene

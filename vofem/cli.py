@@ -26,11 +26,9 @@ from vofem.errors import ArgumentError, OutputError, VofemError
 if TYPE_CHECKING:
     from vofem.io.scene_file import SceneFile
     from vofem.io.scenes.settings import OutputSettings
-    from vofem.io.study_file import StudyFile
     from vofem.result import Result
     from vofem.scene import Scene
     from vofem.studies.steady import Branch
-    from vofem.studies.sweep import Sweep
 
 __all__ = ["FAULT", "FINE", "INTERRUPTED", "main", "script"]
 
@@ -364,7 +362,7 @@ def _render(arguments: argparse.Namespace) -> int:
 
 def _movie(arguments: argparse.Namespace) -> int:
     """Write a movie; return the exit code."""
-    from vofem.io.movies.animate import animate
+    from vofem.io.movies import animate
     from vofem.io.scene_file import point_named
     from vofem.io.storage.run_file import load
 
@@ -401,14 +399,20 @@ def _add_respond(commands: Commands) -> None:
 
 def _respond(arguments: argparse.Namespace) -> int:
     from vofem.integrators.observer import deferred_interrupts
-    from vofem.io.scene_file import load_scene
+    from vofem.io.scene_file import load_scene, point_named
     from vofem.studies.steady import continuation
 
     file = load_scene(arguments.scene)
     # Raises for missing arguments before any work is done.
     file.at(arguments.start)
-    point, options = _branch_point(arguments, file), _branch_options(arguments, file)
     assert file.respond is not None
+    names = ("periods", "method", "harmonics")
+    given = {name: getattr(arguments, name) for name in names}
+    options = {name: getattr(file.respond, name) if value is None else value for name, value in given.items()}
+    # The point that is asked for, that of the first contact, or a body's.
+    point = file.respond.point or _history_points(file.scene, file.output)[0]
+    if arguments.point is not None:
+        point = point_named(file.scene, arguments.point)
     folder = _output(arguments, arguments.scene)
     saved = folder / "branch.h5"
     if saved.exists() and not arguments.overwrite:
@@ -448,24 +452,6 @@ def _branch_files(branch: Branch, point: Any, folder: Path, name: str, pictures:
             yield multipliers(branch, folder / "multipliers.png")
 
 
-def _branch_options(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:
-    """Return options of the continuation: the command line's, else the file's."""
-    assert file.respond is not None
-    names = ("periods", "method", "harmonics")
-    given = {name: getattr(arguments, name) for name in names}
-    return {name: getattr(file.respond, name) if value is None else value for name, value in given.items()}
-
-
-def _branch_point(arguments: argparse.Namespace, file: SceneFile) -> Any:
-    """Return the point whose amplitude is drawn: the one asked for, that of the first contact, or a body's."""
-    from vofem.io.scene_file import point_named
-
-    assert file.respond is not None
-    if arguments.point is not None:
-        return point_named(file.scene, arguments.point)
-    return file.respond.point or _history_points(file.scene, file.output)[0]
-
-
 # -- vofem sweep
 
 
@@ -487,7 +473,9 @@ def _sweep(arguments: argparse.Namespace) -> int:
     from vofem.studies.sweep.sweeping import sweep
 
     study = load_study(arguments.study)
-    print(_study_summary(study), flush=True)
+    for name, series in study.values.items():
+        print(f"{name}: {len(series)} values, {series[0]} ... {series[-1]}")
+    print(f"measured: {', '.join(study.measure)}", flush=True)
     folder = _output(arguments, arguments.study)
     store = folder / "sweep.h5"
     try:
@@ -500,7 +488,9 @@ def _sweep(arguments: argparse.Namespace) -> int:
         done = sum(interrupted.sweep.counters[name] for name in ("computed", "stored"))
         print(f"stopped after {done} points, which are kept in {store}; the same command goes on from there")
         raise
-    print(_study_outcome(table))
+    stored, seconds = table.counters["stored"], table.seconds.sum()
+    kept = f", {stored} of them kept from before" * bool(stored)
+    print(f"{len(table.points.rows)} points{kept}; {len(table.failed)} failed; {seconds:.3g} s of computing in all")
     for one in table.failed[:5]:
         print(f"failed: {one}")
     for note in table.notes:
@@ -509,7 +499,11 @@ def _sweep(arguments: argparse.Namespace) -> int:
     pressed = False
     try:
         if not arguments.no_pictures:
-            written += _study_pictures(table, folder)
+            from vofem.io.pictures.studies import sweep_curves
+
+            written.append(sweep_curves(table, folder / "sweep.png"))
+    except ArgumentError as error:
+        print(f"no picture: {error}")
     except KeyboardInterrupt:
         pressed = True
         print("interrupted: the picture is left out")
@@ -517,18 +511,6 @@ def _sweep(arguments: argparse.Namespace) -> int:
     if pressed:
         return INTERRUPTED
     return FAULT if len(table.failed) == len(table.points.rows) else FINE
-
-
-def _study_summary(study: StudyFile) -> str:
-    lines = [f"{name}: {len(series)} values, {series[0]} ... {series[-1]}" for name, series in study.values.items()]
-    return "\n".join([*lines, f"measured: {', '.join(study.measure)}"])
-
-
-def _study_outcome(table: Sweep) -> str:
-    counters = table.counters
-    seconds = table.seconds.sum()
-    kept = f", {counters['stored']} of them kept from before" if counters["stored"] else ""
-    return f"{len(table.points.rows)} points{kept}; {len(table.failed)} failed; {seconds:.3g} s of computing in all"
 
 
 @contextlib.contextmanager
@@ -547,16 +529,6 @@ def _executor(address: str | None) -> Iterator[Any]:
         raise ArgumentError(f"--scheduler: no scheduler answers at {address} ({error}); check the address") from None
     with client:
         yield client
-
-
-def _study_pictures(table: Sweep, folder: Path) -> list[Path]:
-    from vofem.io.pictures.studies import sweep_curves
-
-    try:
-        return [sweep_curves(table, folder / "sweep.png")]
-    except ArgumentError as error:
-        print(f"no picture: {error}")
-        return []
 
 
 # -- vofem verify
@@ -725,6 +697,6 @@ def _add_doctor(commands: Commands) -> None:
 def _doctor(arguments: argparse.Namespace) -> int:
     from vofem.io.doctor import diagnose
 
-    found = diagnose()
-    print(found)
-    return FAULT if found.missing else FINE
+    text, complete = diagnose()
+    print(text)
+    return FINE if complete else FAULT

@@ -145,7 +145,7 @@ class Beam(Axis):
         ArgumentError
             If coefficients or supports do not suit the mesh.
         """
-        from vofem.bodies.mesh_file import read_mesh
+        from vofem.bodies.mesh import read_mesh
 
         mesh = replace(read_mesh(path), file=os.path.abspath(path))
         return cls(mesh.length, EI, rhoA, mesh, supports or {}, tension, name)  # type: ignore[arg-type]

@@ -1,9 +1,12 @@
-"""Linear attachments: springs, rotational springs, dashpots and point masses, each a rank-one term; and joints."""
+"""What changes matrices: springs, dashpots and point masses, each a rank-one term; damping of all; and joints."""
 
 from __future__ import annotations
 
 from dataclasses import KW_ONLY
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point
@@ -11,7 +14,7 @@ from vofem.bodies.path import TravellingPoint
 from vofem.effects.kinds import Acting, AtPoint, Called, End, Named, TravellingEnd
 from vofem.effects.two_points import TwoPoints, refuse_equal
 from vofem.errors import ArgumentError
-from vofem.parameters import CHOSEN, Choice, Real, declared, label_of, rule
+from vofem.parameters import CHOSEN, Choice, Real, RealOrArray, declared, label_of, rule
 
 
 @declared()
@@ -21,7 +24,7 @@ class Spring(TwoPoints):
     a: TravellingEnd
     _: KW_ONLY
     stiffness: Annotated[float, Real("N/m, or N m/rad where it acts on rotations", "Stiffness.", least=0)]
-    name: Called = None
+    name: Called = None  # type: ignore[assignment]
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add ``k b b'`` to K."""
@@ -45,7 +48,7 @@ class Dashpot(TwoPoints):
     a: TravellingEnd
     _: KW_ONLY
     damping: Annotated[float, Real("N s/m, or N m s/rad where it acts on rotations", "Damping constant.", least=0)]
-    name: Called = None
+    name: Called = None  # type: ignore[assignment]
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add ``c b b'`` to C."""
@@ -66,6 +69,9 @@ class RotationalSpring(Acting):
 
     It is a `Spring` with ``of="rotation"``.
     """
+
+    symbol = "spring"
+    of: ClassVar = "rotation"
 
     point: Annotated[Point, AtPoint("Point of a beam, ``beam.at(x)``.")]
     other: Annotated[
@@ -101,6 +107,8 @@ class PointMass(Acting):
     The point may travel: the mass is then tied to the beam below it, and rests at the level of the supports where it is
     not on the beam.
     """
+
+    symbol = "mass"
 
     point: TravellingEnd
     _: KW_ONLY
@@ -183,3 +191,54 @@ class Joint(Acting):
     def describe(self) -> str:
         """Return name, kind and points."""
         return f"Joint {self.name!r} of {self.a.describe()} and {self.b.describe()}: {self.kind}"
+
+
+@declared()
+class RayleighDamping(Acting):
+    """Rayleigh damping ``C = alpha M + beta K``. M and K include linear attachments, and no contacts."""
+
+    alpha: Annotated[float, Real("1/s", "Factor of the mass matrix.", least=0)]
+    beta: Annotated[float, Real("s", "Factor of the stiffness matrix.", least=0)] = 0.0
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add to C."""
+        builder.add_rayleigh(self.alpha, self.beta)
+
+    def describe(self) -> str:
+        """Return alpha and beta."""
+        return f"RayleighDamping: alpha = {self.alpha:g} 1/s, beta = {self.beta:g} s"
+
+
+@declared()
+class ModalDamping(Acting):
+    """Ratios of critical damping in the vibration modes of the structure with all contacts open.
+
+    Raises
+    ------
+    ArgumentError
+        For a ratio that is negative or not finite, or an empty list.
+    """
+
+    ratio: Annotated[
+        float | NDArray[np.float64],
+        RealOrArray(
+            Real(least=0),
+            "Damping ratio, not negative; 1 is critical damping. A number holds for every vibration mode. A list gives "
+            "one ratio for each mode in ascending order of frequency. Modes beyond the end of the list take its last "
+            "ratio. Rigid motions are not counted and stay undamped. Modes of equal frequency should have equal "
+            "ratios, because their order is arbitrary.",
+        ),
+    ]
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Declare the ratio."""
+        builder.add_modal_damping(self.ratio)
+
+    def describe(self) -> str:
+        """Return the ratio or ratios."""
+        if np.ndim(self.ratio) == 0:
+            return f"ModalDamping: {self.ratio:g} of critical"
+        ratios = np.atleast_1d(self.ratio)
+        first = ", ".join(f"{ratio:g}" for ratio in ratios[:5])
+        rest = f" and {ratios.size - 5} more" if ratios.size > 5 else ""
+        return f"ModalDamping: {first}{rest} of critical in modes 1 to {ratios.size}, {ratios[-1]:g} above"

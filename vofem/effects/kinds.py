@@ -192,6 +192,9 @@ Called = Annotated[str | None, Label()]
 class Acting:
     """An effect whose parameters tell the points that it touches."""
 
+    #: How pictures show it: a "force", "moment" or "weight", a "line" of forces, a "spring", "damper" or "mass".
+    symbol: ClassVar[str] = ""
+
     name: Called = field(default=None, kw_only=True)
 
     def points(self) -> tuple[Point, ...]:

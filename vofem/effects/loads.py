@@ -25,6 +25,8 @@ from vofem.time_functions import Constant, Load, OfTime, TimeFunction, as_time_f
 class PointLoad(Acting):
     """A force at a point, positive upward. The point may travel (``beam.along(path)``); a train is a list of loads."""
 
+    symbol = "force"
+
     point: TravellingEnd
     f: Annotated[Load, OfTime("N", "The force.")]
 
@@ -43,6 +45,8 @@ class PointLoad(Acting):
 @declared()
 class PointMoment(Acting):
     """A moment at a point of a beam. A positive moment does positive work when the slope grows."""
+
+    symbol = "moment"
 
     point: Annotated[Point, AtPoint("Point of a beam, ``beam.at(x)``.")]
     f: Annotated[Load, OfTime("N m", "The moment.")]
@@ -77,6 +81,8 @@ class LoadAlong(Along):
 class DistributedLoad(Acting):
     """A force per length on a beam, ``p(x) f(t)``, positive upward."""
 
+    symbol = "line"
+
     beam: Annotated[Beam, OnBody("The beam on which the load acts.", beam=True)]
     p: Annotated[float | Callable[[Any], Any], LoadAlong("N/m", "The load along the beam.")]
     f: Annotated[Load, OfTime("", "A factor over time, without unit.")] = 1.0
@@ -105,6 +111,8 @@ class Gravity(Acting):
     twice the deflection of the equilibrium. ``initial=vofem.equilibrium(scene)``
     starts it in equilibrium.
     """
+
+    symbol = "weight"
 
     g: Annotated[float, Real("m/s^2", "Acceleration, positive downward.")] = 9.81
 

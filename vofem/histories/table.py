@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, dataclass_transform, g
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import nearest
+from vofem._validate import unknown
 from vofem.arrays import Array
 from vofem.cards import Shown
 from vofem.effects.two_points import UNITS, Units
-from vofem.errors import ArgumentError
 
 #: Rows that are shown as text.
 _SHOWN = 20
@@ -99,9 +98,7 @@ class Table(Shown, Mapping[str, NDArray]):
     def __getitem__(self, name: str) -> NDArray:
         if name not in self._columns:
             known = tuple(self._columns)
-            raise ArgumentError(
-                f"{self.title}: no column is named {name!r}; there are {list(known)}{nearest(name, known)}"
-            )
+            raise unknown("column", name, known, what=self.title)
         return self._columns[name]
 
     def __iter__(self) -> Iterator[str]:

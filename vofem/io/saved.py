@@ -1,16 +1,17 @@
-"""`vofem.load`, which finds out what a file holds."""
+"""`vofem.load` and `vofem.resume`. HDF5 is imported when they are called."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vofem.errors import ArgumentError
-from vofem.files.hdf5 import reading
-from vofem.io.storage import branch_file, fit_file, run_file
-from vofem.scene import Scene
-from vofem.studies.sweep.store import holds, stored_sweep
+
+if TYPE_CHECKING:
+    from vofem.progress import Progress
+    from vofem.result import Result
+    from vofem.scene import Scene
 
 
 def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
@@ -49,6 +50,10 @@ def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
     MissingCallableError
         If the run has bodies or effects of other classes and the scene was not given.
     """
+    from vofem.files.hdf5 import reading
+    from vofem.io.storage import branch_file, fit_file, run_file
+    from vofem.studies.sweep.store import holds, stored_sweep
+
     with reading(path) as file:
         if fit_file.holds(file):
             return fit_file.read(file, scene)
@@ -60,3 +65,44 @@ def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
                 raise ArgumentError(f"load: {path} holds a {what} with its scenes, expected a run; leave out scene=")
             return branch_file.read(file)
     return stored_sweep(Path(path))
+
+
+def resume(
+    path: str | os.PathLike[str],
+    *,
+    scene: Scene | None = None,
+    progress: Progress = None,
+    checkpoint_every: float = 60.0,
+) -> Result:
+    """Continue a run from its checkpoint. The result is the same, bit for bit, as without the interruption.
+
+    The checkpoint is updated while the run continues.
+
+    Parameters
+    ----------
+    path : path
+        The file that was given as ``checkpoint`` to `vofem.simulate`.
+    scene : Scene, optional
+        The same scene again. It is needed if the scene contains Python
+        functions, or bodies or effects of your own classes, which a file cannot hold.
+    progress : bool or callable, optional
+        See `vofem.simulate`.
+    checkpoint_every : float
+        Seconds of wall time between two checkpoints.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    StorageError
+        If the file is missing, of another kind, damaged, or of another format.
+    ArgumentError
+        If the scene is not the same.
+    MissingCallableError
+        If the scene holds callables or bodies of other classes and was not given.
+    """
+    from vofem.io.storage import checkpoint
+
+    return checkpoint.resume(path, scene=scene, progress=progress, checkpoint_every=checkpoint_every)

@@ -11,45 +11,42 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vofem._validate import nearest
 from vofem.arrays import Array
 from vofem.effects.kinds import AtPoint
 from vofem.errors import ArgumentError, SceneFileError, VofemError
+from vofem.histories import ContactHistory
 from vofem.io.scene_file import SceneFile, read_content, scene_text
 from vofem.parameters import changed
 from vofem.parameters.place import Book, Place
 from vofem.result import Result
 
-
-def _amplitude(values: Array) -> float:
-    return 0.5 * float(np.ptp(values))
-
-
-def _largest(values: Array) -> float:
-    return float(np.abs(values).max())
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
 #: Of the displacement of a point at the stored times, in m: how the numbers are drawn together.
-OF_POINTS: dict[str, Callable[[Array], float]] = {
-    "amplitude": _amplitude,
-    "largest": _largest,
-    "mean": lambda values: float(np.mean(values)),
-    "rms": _rms,
-    "maximum": lambda values: float(np.max(values)),
-    "minimum": lambda values: float(np.min(values)),
-    "final": lambda values: float(values[-1]),
+OF_POINTS: dict[str, Callable[[Array], Any]] = {
+    "amplitude": lambda u: 0.5 * np.ptp(u),
+    "largest": lambda u: np.abs(u).max(),
+    "mean": np.mean,
+    "rms": lambda u: np.sqrt(np.mean(np.square(u))),
+    "maximum": np.max,
+    "minimum": np.min,
+    "final": lambda u: u[-1],
 }
 
-#: Of a contact by its name: closings as a number, forces in N, the share of time during which it is closed.
-OF_CONTACTS = ("closings", "peak_force", "rms_force", "closed_share")
+#: Of a contact, from a time in s on, and at stored times: number of closings, forces in N, share of closed time.
+OF_CONTACTS: dict[str, Callable[[ContactHistory, float, NDArray[np.bool_]], Any]] = {
+    "closings": lambda contact, after, late: np.count_nonzero(contact.closings >= after),
+    "peak_force": lambda contact, after, late: np.abs(contact.force[late]).max(),
+    "rms_force": lambda contact, after, late: np.sqrt(np.mean(np.square(contact.force[late]))),
+    "closed_share": lambda contact, after, late: np.mean(contact.closed[late]),
+}
 
 #: Of the run as a whole.
-OF_RUNS = ("balance_error", "segments")
+OF_RUNS: dict[str, Callable[[Result], Any]] = {
+    "balance_error": lambda result: result.energy.balance_error,
+    "segments": lambda result: result.counters.steps,
+}
 
 
 @dataclass(frozen=True)
@@ -61,19 +58,12 @@ class Measure:
 
     def value(self, result: Result, after: float) -> float:
         """Return the quantity over the stored times from `after` on, in s."""
-        times = result.times
-        late = times >= after
+        late = result.times >= after
         if self.kind in OF_POINTS:
-            return OF_POINTS[self.kind](result.displacement(self.of)[late])
+            return float(OF_POINTS[self.kind](result.displacement(self.of)[late]))
         if self.kind in OF_CONTACTS:
-            contact = result.contacts[self.of]
-            if self.kind == "closings":
-                return float(np.count_nonzero(contact.closings >= after))
-            if self.kind == "closed_share":
-                return float(np.mean(contact.closed[late]))
-            force = contact.force[late]
-            return _largest(force) if self.kind == "peak_force" else _rms(force)
-        return float(result.energy.balance_error if self.kind == "balance_error" else result.counters.steps)
+            return float(OF_CONTACTS[self.kind](result.contacts[self.of], after, late))
+        return float(OF_RUNS[self.kind](result))
 
 
 _KEYS = ("values", "measure", "after")

@@ -91,7 +91,7 @@ class CompiledFunction:
         if compiled():
             if "dispatcher" in vars(self):
                 return self.dispatcher(*arguments)
-            with _without_collections():
+            with without_collections():
                 return self.dispatcher(*arguments)
         check_patience()
         # Compiled code divides by zero and overflows without a warning.
@@ -100,7 +100,7 @@ class CompiledFunction:
 
 
 @contextlib.contextmanager
-def _without_collections() -> Iterator[None]:
+def without_collections() -> Iterator[None]:
     """Let Python not look for garbage: while it compiles, it would look through all of numba's trees in vain."""
     active = gc.isenabled()
     gc.disable()

@@ -193,15 +193,19 @@ def force_over(laws: Laws, j: int, way: Way, u0: float, u1: float, r1: float, be
 
 
 @jit
-def slope_over(laws: Laws, j: int, way: Way, u0: float, u1: float) -> float:
-    """Return the slope of `force_over` over u1; in explicit steps over the rate, on which only dampers depend."""
+def slope_over(laws: Laws, j: int, way: Way, u0: float, u1: float, force: float) -> float:
+    """Return the slope of `force_over`, whose answer is given, over u1; in explicit steps over the rate.
+
+    Only dampers depend on the rate.
+    """
     if way.explicit:
         return damper_over(laws, j, way, u0, u1, 1.0)
     slope = ask(laws, j, TANGENT, u1, u1)
     if way.mean:
         slope *= 0.5
         if u1 != u0:
-            mean, end = ask(laws, j, MEAN, u0, u1), ask(laws, j, FORCE, u1, u1)
+            mean = ask(laws, j, MEAN, u0, u1) if laws.table[j, DAMPED] else force
+            end = ask(laws, j, FORCE, u1, u1)
             chord = (end - mean) / (u1 - u0)
             # On a straight piece this is half of the tangent, but for the rounding of a short path.
             if abs(chord - slope) > 1e-6 * slope + 1e-14 * (abs(end) + abs(mean)) / abs(u1 - u0):

@@ -16,7 +16,7 @@ import numpy as np
 
 from vofem._validate import missing, nearest, public
 from vofem.errors import ArgumentError, VofemError
-from vofem.parameters.kinds import Kind, Name, Real, Unwritable
+from vofem.parameters.kinds import Kind, Name, Unwritable
 from vofem.parameters.place import INVALID, Book, Invalid, Place
 
 C = TypeVar("C", bound=type)
@@ -395,17 +395,3 @@ class OneOf(Kind):
         tables = {name: schema_of(cls) for name, cls in self.classes.items()}
         return {"type": "object", "properties": tables, "minProperties": 1, "maxProperties": 1,
                 "additionalProperties": False, **super().described()}  # fmt: skip
-
-
-def read_number_or(number: Real, other: Kind, expected: str, value: Any, place: Place) -> Any:
-    """Return a number, or what another kind takes: a table."""
-    if isinstance(value, dict):
-        return other.read(value, place)
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return place.expected(expected, value)
-    return number.read(value, place)
-
-
-def write_number_or(number: Real, other: Kind, value: Any, book: Book) -> Any:
-    """Return a number, or the table of another kind."""
-    return number.write(value, book) if isinstance(value, (int, float, np.number)) else other.write(value, book)

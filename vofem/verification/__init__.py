@@ -2,24 +2,18 @@
 
 from functools import cache
 
-from vofem.verification.case import FAILED, PASSED, REFUSED, REPORTED, STOPPED, Case, How, Quantity, Run
-from vofem.verification.runner import Outcome, select, verify
-
-__all__ = [
-    "FAILED",
-    "PASSED",
-    "REFUSED",
-    "REPORTED",
-    "STOPPED",
-    "Case",
-    "How",
-    "Outcome",
-    "Quantity",
-    "Run",
-    "catalogue",
-    "select",
-    "verify",
-]
+from vofem.verification.case import FAILED as FAILED
+from vofem.verification.case import PASSED as PASSED
+from vofem.verification.case import REFUSED as REFUSED
+from vofem.verification.case import REPORTED as REPORTED
+from vofem.verification.case import STOPPED as STOPPED
+from vofem.verification.case import Case as Case
+from vofem.verification.case import How as How
+from vofem.verification.case import Outcome as Outcome
+from vofem.verification.case import Quantity as Quantity
+from vofem.verification.case import Run as Run
+from vofem.verification.case import select as select
+from vofem.verification.case import verify as verify
 
 
 @cache

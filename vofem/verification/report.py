@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from xml.etree import ElementTree
 
 from vofem.integrators.registry import method_names
-from vofem.verification.case import FAILED, PASSED, VERDICTS, subjects
-from vofem.verification.runner import Measured, Outcome
+from vofem.verification.case import FAILED, PASSED, VERDICTS, Measured, Outcome, subjects
 
 HEADINGS = ("case", "source", "quantity", "reference", "got", "error", "tolerance", "method", "verdict")
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vofem.arrays import Array, IntArray
-from vofem.integrators.stepping.kernel import ABSENT, ACTS, HOLDS, PUSHES, Equations, Rules
+from vofem.integrators.stepping.kernel import Equations, Rules
+from vofem.integrators.stepping.reactions import ABSENT, ACTS, HOLDS, PUSHES
 from vofem.integrators.stepping.record import Path
 from vofem.integrators.stepping.structure import Structure
 from vofem.laws.law import STORED, LawSet, ask

@@ -109,7 +109,7 @@ class Switches:
     def step_on(self, path: Path, count: int, t_end: float) -> None:
         """Take notice of the last steps of a path; set `Path.turns`."""
         laws, m = self.laws, self.status.size
-        if laws is None:
+        if laws is None or not count:
             return
         first = path.filled - count
         s = path.chunk.u[first : path.filled + 1, :m] - laws.gap

@@ -102,6 +102,8 @@ class Run:
         self.switches = Switches(structure, self.initial)
         chunk = self.path.chunk
         chunk.q[0], chunk.v[0], chunk.u[0], chunk.past[0] = q, v, u, laws.state
+        #: The last row of the path whose switches are known.
+        self.known = 0
         self.kick, self.load = np.zeros(0), np.zeros(system.size)
 
     def size(self, dt: float) -> Loaded:
@@ -259,10 +261,10 @@ class Run:
         if self.guides is not None:
             ahead = np.concatenate([[t[0] - dt], t, [t[-1] + dt]])
             equations, drift, rules = self.guides.over(path, ahead, equations, status)
-        size = known.size
+        earlier = path.chunk.a[max(path.filled - 1, 0)]
         self.taken, solves = advance(
-            equations, size.numbers, size.factored, size.compliance, size.band, self.dampers, pots, drift, rules, force,
-            shift, path.chunk.a[max(path.filled - 1, 0)], path.steps(t.size), self._work(size),
+            equations, *known.size, self.dampers, pots, drift, rules, force, shift, earlier, path.steps(t.size),
+            self._work(known.size),
         )  # fmt: skip
         if self.callbacks is not None:
             self.callbacks.complain(dt)
@@ -271,11 +273,11 @@ class Run:
     def _work(self, size: Size) -> Any:
         """Return work space."""
         if not hasattr(self, "_space"):
-            self._space = work_space(self.system.size, len(self.laws), size)
-        return self._space
+            self._space = work_space(self.equations, size)
+        return self._space[0]
 
     def enter(self, path: Path, dt: float, t: Array, forcing: Forcing) -> None:
-        """Enter steps that were taken into a path: their times and energies, and the switches of contacts."""
+        """Enter steps that were taken into a path: their times and energies."""
         first, count = path.filled, t.size
         rows, steps = slice(first + 1, first + count + 1), path.steps(count)
         path.t[rows], path.dt[rows] = t, dt
@@ -299,7 +301,6 @@ class Run:
             out *= self.scheme.alpha_f - self.scheme.alpha_m
             out += steps.a[1:]
         path.filled += count
-        self.switches.step_on(path, count, self.t_end)
 
     def _work_of_loads(self, dt: float, steps: Any, forcing: Forcing) -> Array | float:
         """Return the work in J of the loads over steps, shape (steps,)."""
@@ -344,8 +345,10 @@ class Run:
         return np.einsum("kj,kj->k", mean, way[:, own])
 
     def take(self, out: Record) -> None:
-        """Record the states of the path that are complete."""
+        """Record the steps that were entered, as far as their states are complete."""
+        self.switches.step_on(self.path, self.path.filled - self.known, self.t_end)
         out.take(self.path, self.scheme.mean, self.scheme.explicit, 0 if self.past is None else self.past.row)
+        self.known = self.path.filled
 
     @property
     def finished(self) -> bool:
@@ -460,6 +463,7 @@ class Run:
     def restore(self, saved: dict[str, Any]) -> None:
         """Set the run to a saved state."""
         self.path.restore(saved["path"])
+        self.known = self.path.filled
         self.switches.status, self.switches.size = saved["status"], saved["size"]
         for name, value in saved["place"].items():
             setattr(self, name, value)

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.integrators.slider_history import SliderHistory
-from vofem.integrators.stepping.kernel import ACTS, HOLDS, PUSHES, Equations
+from vofem.integrators.stepping.kernel import Equations
+from vofem.integrators.stepping.reactions import ACTS, HOLDS, PUSHES
 from vofem.integrators.stepping.record import Path
 from vofem.integrators.stepping.scheme import Forcing, Scheme
 from vofem.laws import FrictionLaws

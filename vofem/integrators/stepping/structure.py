@@ -110,16 +110,16 @@ class Structure:
         factored = factor(a, "the mass matrix" if self.scheme.explicit else "the matrix of a step")
         width = max(width, *(_spread(self.compressed, j) for j in range(m))) if m else width
         if m == 0 or self.travels:
-            return Size(numbers, factored, None if m == 0 else np.zeros((0, 0)), None)
+            return Size(numbers, factored, np.zeros((0, 0)), False)
         if not self.special and _band_pays(self._laws, self.system.size, width):
-            return Size(numbers, factored, None, widen(a, width))
+            return Size(numbers, factored, widen(a, width), True)
         assert self.rows is not None
         dense = self.rows.toarray()
         answers = dense.copy()
         for answer in answers:
             solve(factored, answer)
         compliance = dense @ answers.T
-        return Size(numbers, factored, 0.5 * (compliance + compliance.T), None)
+        return Size(numbers, factored, 0.5 * (compliance + compliance.T), False)
 
 
 def products(band: Array, vectors: Array) -> Array:

@@ -123,6 +123,7 @@ class StepDoubling(StepSizeControl, Run):
                 break
             self.advance_once()
         self.take(out)
+        self.count(self.steps_taken, self.steps_taken)
 
     def advance_once(self) -> None:
         """Take the next step, as long as its error allows."""
@@ -161,7 +162,6 @@ class StepDoubling(StepSizeControl, Run):
         self.gain = path.chunk.a[path.filled] - path.chunk.a[path.filled - 1]
         self.coarsest, self.last, self.means = max(self.coarsest, half), half, tried.halves.means[-1]
         self.steps_taken += 0 if self.beyond and mean else 2
-        self.count(self.steps_taken, self.steps_taken)
 
     def attempt(self, t: float, dt: float) -> Attempt:
         """Take the next step whole, and again in halves, which stay in the rows after the last one."""

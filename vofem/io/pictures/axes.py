@@ -93,6 +93,11 @@ def ink() -> str:
     return _cycle()[0]
 
 
+def color_of(k: int) -> str:
+    """Return the colour of the k-th of several lines, counted from 0."""
+    return ink() if k == 0 else str(COLORS[(k - 1) % len(COLORS)])
+
+
 class _Colors(Sequence[str]):
     """The other colours, taken from the user's style if there is one. They are looked up when they are needed."""
 

@@ -109,14 +109,12 @@ def _spelled(time: float) -> str:
 
 def _labelled_place(body: object, x: Array, eta: Array) -> tuple[str, float]:
     """Return a place and its displacement: a free tip, or where the beam is deflected most."""
-    if not isinstance(body, Beam):
-        k = int(np.argmax(np.abs(eta)))
-        return f"at x = {x[k]:.3g} m" if x.size > 1 else "", float(eta[k])
-    ends = [(node, k) for node, k in ((len(body.nodes) - 1, -1), (0, 0)) if node not in body.supports]
-    if len(ends) == 1:
-        return "tip", float(eta[ends[0][1]])
+    if isinstance(body, Beam):
+        free = [k for node, k in ((len(body.nodes) - 1, -1), (0, 0)) if node not in body.supports]
+        if len(free) == 1:
+            return "tip", float(eta[free[0]])
     k = int(np.argmax(np.abs(eta)))
-    return f"at x = {x[k]:.3g} m", float(eta[k])
+    return f"at x = {x[k]:.3g} m" if x.size > 1 else "", float(eta[k])
 
 
 def _color_bar(drawing: Drawing, view: Snapshot) -> float:

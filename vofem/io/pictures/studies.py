@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import choice
+from vofem._validate import choice, wrong
 from vofem.errors import ArgumentError
 from vofem.fitting import Fit
 from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, figure, ink, legend, plain, stroke, text_size
@@ -246,7 +246,7 @@ _PANEL = (6.4, 3.6)
 def sweep_curves(
     sweep: Sweep,
     path: Where = None,
-    names: tuple[str, ...] | None = None,
+    names: tuple[str, ...] | str | None = None,
     *,
     units: Mapping[str, str] | None = None,
     ax: Any = None,
@@ -261,7 +261,7 @@ def sweep_curves(
     ----------
     sweep : Sweep
         A grid of one or two parameters that are numbers.
-    names : tuple of str, optional
+    names : tuple of str, or str, optional
         Names of the quantities that are drawn. The default is all quantities that are numbers.
     units : dict of str to str, optional
         Units of parameters and quantities by their names, for the axes.
@@ -273,6 +273,7 @@ def sweep_curves(
     ArgumentError
         If the points are not a grid of one or two parameters, or no quantity can be drawn.
     """
+    names = (names,) if isinstance(names, str) else names
     axes_values = sweep.points.axes
     if (
         axes_values is None
@@ -333,6 +334,8 @@ def fit(result: Fit, path: Where = None, *, ax: Any = None) -> Any:
         The axes to draw into, in the order of rows: those of all measurements, then those of their residuals. By
         default a new figure is made.
     """
+    if not isinstance(result, Fit):
+        raise wrong("fit: result", repr(result), "what vf.fit returns")
     count = len(result.data)
     canvas = Canvas("fit", path, ax, (6.0 + 2.0 * count, 5.6), rows=2, columns=count)
     row, shift = 0, 0

@@ -97,7 +97,7 @@ def read_beam(table: Any, place: Place) -> Any:
 
 def _mesh(value: Any, place: Place) -> Any:
     """Return the mesh of a path."""
-    from vofem.bodies.mesh_file import read_mesh
+    from vofem.bodies.mesh import read_mesh
 
     path = MESH.read(value, place)
     if isinstance(path, Invalid):

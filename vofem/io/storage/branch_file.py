@@ -19,8 +19,7 @@ from vofem.arrays import Array
 from vofem.errors import ArgumentError, ConvergenceError, MissingCallableError, SceneFileError
 from vofem.files.hdf5 import check_format, mark_format, writing
 from vofem.files.whole import target
-from vofem.io.scenes.reader import read_tables
-from vofem.io.scenes.writer import scene_to_toml
+from vofem.io.scenes.scene_text import read_tables, scene_to_toml
 from vofem.io.storage.tree import read_tree, write_tree
 from vofem.parameters import changed
 from vofem.parameters.place import Book
@@ -28,14 +27,13 @@ from vofem.scene import Scene
 from vofem.studies.steady import Branch, BranchCounters, Locus, PeriodicOrbit, SpecialPoint
 from vofem.studies.steady.branch import Orbits
 from vofem.studies.steady.condensed import condensed, condensed_result
-from vofem.studies.steady.family import Family
+from vofem.studies.steady.family import Family, problem_of
 from vofem.studies.steady.follow import Follower
 from vofem.studies.steady.harmonic_balance import harmonics_in
-from vofem.studies.steady.methods import problem_of
 from vofem.studies.steady.near import signature_at
 from vofem.studies.steady.orbit import OrbitTruncation
 from vofem.studies.steady.point import Interval
-from vofem.studies.steady.shooting import Shooting, orbit_result
+from vofem.studies.steady.shooting import orbit_result
 from vofem.studies.steady.signature import CLOSES
 from vofem.studies.steady.steady_state import as_guess
 from vofem.system import State
@@ -152,24 +150,27 @@ def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicO
         def scene() -> Scene:
             return _scene(kept["scenes"][k], kept["problems"][k], folder)
 
-        def result() -> Any:
-            if start is not None:
-                duration = 2.0 * np.pi * periods / omega
-                if truncation is None:
-                    return orbit_result(scene(), start, duration)
-                few = condensed(scene().model.system, unknowns.size // 2, None)
-                return condensed_result(scene(), few, start, duration, truncation.error)
+        @cache
+        def problem() -> Any:
             harmonics = harmonics_in(scene(), unknowns.size) if method == "harmonic_balance" else None
-            period = 2.0 * np.pi / omega
-            problem: Any = problem_of("load", scene(), method, periods, period=period, harmonics=harmonics)
-            return problem.orbit(unknowns, problem.evaluate(unknowns)).result
+            found = problem_of("load", scene(), method, periods, period=2.0 * np.pi / omega, harmonics=harmonics)
+            return as_guess(found, orbit)
 
-        def extremes(row: Array) -> tuple[float, float]:
-            problem = problem_of("load", scene(), method, periods, period=2.0 * np.pi / omega)
-            assert isinstance(problem, Shooting)
-            problem = as_guess(problem, orbit)
-            chart, y, _ = signature_at(problem, problem.from_orbit(orbit))
-            return chart.evaluate(problem, y, derivative=False).range_of(problem.modal_row(row))
+        def result() -> Any:
+            if start is None:
+                return problem().orbit(unknowns, problem().evaluate(unknowns)).result
+            duration = 2.0 * np.pi * periods / omega
+            if truncation is None:
+                return orbit_result(scene(), start, duration)
+            few = condensed(scene().model.system, unknowns.size // 2, None)
+            return condensed_result(scene(), few, start, duration, truncation.error)
+
+        @cache
+        def motion() -> Any:
+            if start is None:
+                return result().solution.motion
+            chart, y = signature_at(problem(), problem().from_orbit(orbit))
+            return chart.evaluate(problem(), y, derivative=False)
 
         orbit = PeriodicOrbit(
             scene,
@@ -179,13 +180,13 @@ def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicO
             multipliers=None if kept["multipliers"] is None else kept["multipliers"][k],
             residual=float(kept["residual"][k]),
             result=result,
+            motion=motion,
             truncation=truncation,
             notes=tuple(kept["notes"][k]),
             unknowns=unknowns,
             autonomous=bool(kept["autonomous"][k]),
             start=start,
             stable=kept["stable"][k],
-            extremes=extremes if method == "shooting" and not kept["autonomous"][k] else None,
         )
         return orbit
 

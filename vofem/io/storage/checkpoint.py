@@ -88,35 +88,7 @@ def resume(
     progress: Progress = None,
     checkpoint_every: float = 60.0,
 ) -> Result:
-    """Continue a run from its checkpoint. The result is the same, bit for bit, as without the interruption.
-
-    The checkpoint is updated while the run continues.
-
-    Parameters
-    ----------
-    path : path
-        The file that was given as ``checkpoint`` to `vofem.simulate`.
-    scene : Scene, optional
-        The same scene again. It is needed if the scene contains Python
-        functions, or bodies or effects of your own classes, which a file cannot hold.
-    progress : bool or callable, optional
-        See `vofem.simulate`.
-    checkpoint_every : float
-        Seconds of wall time between two checkpoints.
-
-    Returns
-    -------
-    Result
-
-    Raises
-    ------
-    StorageError
-        If the file is missing, of another kind, damaged, or of another format.
-    ArgumentError
-        If the scene is not the same.
-    MissingCallableError
-        If the scene holds callables or bodies of other classes and was not given.
-    """
+    """Continue a run from its checkpoint; see `vofem.resume`."""
     found = _identity(Path(path)) if isinstance(path, (str, os.PathLike)) and impossible(Path(path)) is None else None
     with reading(path, "a checkpoint of vofem.simulate") as file:
         if "vofem_checkpoint" not in file:

@@ -28,7 +28,7 @@ from vofem.histories import Energy
 from vofem.integrators.base import Energies, Samples, Solution
 from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.stepped import SteppedSolution
-from vofem.io.scenes.writer import scene_to_toml
+from vofem.io.scenes.scene_text import scene_to_toml
 from vofem.io.storage.history import read_history, write_history
 from vofem.io.storage.records import Encoder, decode, restored_scene, scene_record
 from vofem.io.storage.tree import read_array, read_tree, write_array, write_text, write_tree

@@ -13,9 +13,8 @@ from vofem.progress import Progress
 from vofem.scene import Scene
 from vofem.studies.steady.branch import Branch, BranchCounters
 from vofem.studies.steady.branch_progress import branch_progress
-from vofem.studies.steady.family import Family
+from vofem.studies.steady.family import METHODS, Family
 from vofem.studies.steady.follow import LARGEST, Follower
-from vofem.studies.steady.methods import METHODS
 from vofem.studies.steady.point import Interval
 from vofem.studies.steady.sheets import branch_of
 from vofem.studies.steady.steady_state import first_orbit

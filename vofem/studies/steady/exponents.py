@@ -92,7 +92,9 @@ def lyapunov(scene: Scene, t_end: float, *, count: int = 1, skip: float = 0.0) -
     if skip >= t_end:
         raise ArgumentError(f"lyapunov: skip is {skip:g} s, expected a time before t_end = {t_end:g} s")
     system = scene.model.system
-    reason = shooting_refusal(scene) if system.sliders is None else system.sliders.refusal("an exponent")
+    if system.sliders is not None:
+        raise MethodError(system.sliders.refusal("lyapunov"))
+    reason = shooting_refusal(scene)
     if reason is not None:
         raise MethodError(f"lyapunov: {reason.split('; ')[0]}")
     if count > 2 * system.size:

@@ -114,7 +114,7 @@ class Follower:
     def begin(self, unknowns: Array, value: float) -> Point:
         """Return the first point, heading for the far end of the interval."""
         problem = self.family.at(value)
-        chart, y, _ = signature_at(problem, unknowns) if isinstance(problem, Shooting) else (ORIGIN, unknowns, None)
+        chart, y = signature_at(problem, unknowns) if isinstance(problem, Shooting) else (ORIGIN, unknowns)
         y = np.append(y, value)
         towards = np.zeros(y.size)
         towards[-1] = 1.0 if self.interval.stop > self.interval.start else -1.0

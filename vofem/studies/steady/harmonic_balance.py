@@ -36,13 +36,12 @@ from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.simulation import simulate
 from vofem.studies.steady.condensed import slowest_decay
-from vofem.studies.steady.counters import Work
 from vofem.studies.steady.harmonic_solution import HarmonicMotion, harmonic_result
 from vofem.studies.steady.law_path import PASSES, LawPaths, nonlinear_groups
 from vofem.studies.steady.linear_rest import FULL, Attached, LinearRest, linear_laws
-from vofem.studies.steady.load_series import load_series
-from vofem.studies.steady.loads import LoadPeriod, load_period
+from vofem.studies.steady.loads import LoadPeriod, load_period, load_series
 from vofem.studies.steady.orbit import DECIDED, OrbitTruncation, PeriodicOrbit
+from vofem.studies.steady.problem import Work
 from vofem.studies.steady.trigonometric import basis, to_complex, to_real
 from vofem.studies.steady.variation import monodromy, with_rates
 from vofem.system import System, refuse_travelling
@@ -213,26 +212,20 @@ class HarmonicBalance:
 
     def from_rest(self) -> Array:
         """Return the response with laws raised stepwise to full strength, or if that fails the end of a transient."""
-        from vofem.studies.steady.newton import solved
+        from vofem.studies.steady.newton import raised, solved
 
         start = to_real(self.free[:, : self.harmonics + 1].T).T.ravel()
         if not self.size:
             return start
-        x, level, step = start, 0.0, 1.0
-        while level < 1.0 and step >= _SMALLEST:
-            target = min(1.0, level + step)
-            weaker = _Weaker(self, target)
-            try:
-                x = solved(weaker, x, _TRIES).unknowns
-                level, step = target, 2.0 * step
-            except ConvergenceError:
-                step *= 0.5
-        if level >= 1.0:
-            return x
-        return self._transient(x)
 
-    def _transient(self, otherwise: Array) -> Array:
-        """Return the harmonics of the last periods of a run from rest, or the given unknowns where it fails."""
+        def solve(strength: float, guess: Array, now: Array) -> Array:
+            return solved(_Weaker(self, strength), guess, _TRIES).unknowns
+
+        level, x = raised(solve, [(0.0, start)], 1.0, 1.0, least=_SMALLEST, shrink=0.5)[-1]
+        return x if level >= 1.0 else self._transient()
+
+    def _transient(self) -> Array:
+        """Return the harmonics of the last periods of a run from rest."""
         period = self.loads.period
         count = self.periods * max(1, _TRANSIENT // self.periods)
         try:
@@ -376,6 +369,7 @@ class HarmonicBalance:
             decided=doubt,
             residual=evaluation.error,
             result=lambda: harmonic_result(self.scene, motion, tuple(notes)),
+            motion=lambda: motion,
             truncation=truncation,
             notes=tuple(notes),
             unknowns=np.array(unknowns),

@@ -47,8 +47,9 @@ _ON_CIRCLE = 1e-5
 #: Distance of theta from 0 and pi below which both multipliers of a pair meet.
 _MEET = 1e-4
 
-#: Multiple of s, in scaled equations, above which an orbit is no branch point.
-_UNFOLDED = 1e-7
+#: Multiple of s, in scaled equations, above which an orbit is no branch point, and its rate along a locus that may be
+#: rounding.
+_UNFOLDED, _UNFOLDS = 1e-7, 1e-5
 
 #: Frequency of the loads, over that of the first orbit, below which periods count as infinite.
 _SLOWEST = 1e-3
@@ -191,7 +192,7 @@ def locus(
         noun=f"locus of {special.kind}",
     )
     first = walker.directed(first)
-    if special.kind == "branch_point" and abs(first.tangent[-3]) > _UNFOLDED:
+    if special.kind == "branch_point" and abs(first.tangent[-3]) > _UNFOLDS:
         raise ArgumentError(
             f"locus: the branch point at {special.value:.9g} exists for {start:.9g} alone: with another value of the "
             "other parameter the branches no longer meet, because the scenes are not symmetric. Follow a fold beside "
@@ -292,7 +293,7 @@ def _is_pair(point: Point) -> bool:
 def _unknowns(problem: Any, orbit: PeriodicOrbit) -> tuple[Any, Array]:
     """Return the equations of an orbit and its unknowns in them."""
     x = problem.from_orbit(orbit)
-    return signature_at(problem, x)[:2] if isinstance(problem, Shooting) else (ORIGIN, x)
+    return signature_at(problem, x) if isinstance(problem, Shooting) else (ORIGIN, x)
 
 
 def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interval: Interval) -> tuple[Family, Point]:

@@ -9,6 +9,7 @@ depend on it in any way.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -17,6 +18,17 @@ from numpy.typing import NDArray
 from vofem.arrays import Array
 from vofem.scene import Scene
 from vofem.studies.steady.orbit import PeriodicOrbit
+from vofem.system import Counters
+
+
+@dataclass
+class Work:
+    """Work done to find orbits."""
+
+    #: Evaluations of the equations. For shooting these are flows over one orbit, with or without monodromy matrix.
+    flows: int = 0
+    checks: int = 0  #: Flows over orbits that are known, with which these are checked.
+    runs: Counters = field(default_factory=Counters)  #: Work of these evaluations.
 
 
 class Evaluation(Protocol):

@@ -24,9 +24,9 @@ from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.plan import Plan, run_plan
 from vofem.studies.steady.condensed import Condensed, condensable, condensed, condensed_result, first_count
-from vofem.studies.steady.counters import Work
 from vofem.studies.steady.loads import LoadPeriod, load_period
 from vofem.studies.steady.orbit import TIMES, PeriodicOrbit
+from vofem.studies.steady.problem import Work
 from vofem.system import OPEN, State
 
 #: Degrees of freedom up to which all modes may be unknowns.
@@ -227,7 +227,9 @@ class Shooting:
         """Return the orbit of a solution."""
         return self.orbit_of(unknowns, evaluation, lambda: float(evaluation.uncertainty))
 
-    def orbit_of(self, unknowns: Array, evaluation: Any, decided: Callable[[], float]) -> PeriodicOrbit:
+    def orbit_of(
+        self, unknowns: Array, evaluation: Any, decided: Callable[[], float], *, autonomous: bool = False
+    ) -> PeriodicOrbit:
         """Return the orbit of a solution, whose stability is not decided within a distance from the unit circle."""
         kept = None if self.condensed is None else self.condensed.truncation(self.duration, self.change)
         return PeriodicOrbit(
@@ -243,7 +245,8 @@ class Shooting:
             unknowns=np.array(unknowns),
             start=self.state(unknowns),
             decided=decided,
-            extremes=lambda row: evaluation.range_of(self.modal_row(row)),
+            motion=lambda: evaluation,
+            autonomous=autonomous,
         )
 
     def result_of(self, unknowns: Array) -> Callable[[], Result]:

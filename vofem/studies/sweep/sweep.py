@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import nearest, number, unknown
+from vofem._validate import nearest, number, one_of, unknown
 from vofem.errors import ArgumentError
 from vofem.studies.sweep.points import Points
 from vofem.studies.sweep.worker import RESERVED, Row
@@ -191,8 +191,7 @@ class Sweep(Mapping[str, NDArray]):
         if self.points.axes is None or over not in self.points.names:
             names = self.points.names
             raise ArgumentError(
-                f"sweep: over is {over!r}, expected a parameter of a grid; there are {list(names)}"
-                f"{nearest(over, names)}"
+                f"sweep: over is {over!r}, expected a parameter of a grid: {one_of(tuple(names))}{nearest(over, names)}"
             )
         return column.astype(float), self.points.names.index(over)
 
