@@ -44,12 +44,10 @@ from vofem.integrators.stepping.reactions import (
     TARGET,
     U0,
     Reactions,
-    ask_laws,
-    begin_reactions,
     named,
-    react,
     reactions_of,
 )
+from vofem.kernels.addresses import call
 from vofem.kernels.jit import borrowed, jit, plain_form
 from vofem.laws.law import FIRST, Laws, Way
 from vofem.laws.rows import Rows, dot, subtract_row
@@ -62,21 +60,17 @@ _SMALL = 2.0**-6
 
 
 class Numbers(NamedTuple):
-    """The numbers of a method for one step size; see the module for the first six.
+    """The numbers of a method for one step size; see the module for the first five."""
 
-    `mean` says whether laws act by their mean force over the step; `ahead` is the distance from the middle of the step
-    to the time of balance, over the step.
-    """
-
-    dt: float
     b: float
     cqa: float
     cqw: float
     cva: float
     cvw: float
     alpha_m: float
-    mean: bool
-    ahead: float
+    way: Way  #: How laws act.
+    per_y: float  #: Rise of what a law depends on with ``b_j.w``, its coordinate or in explicit steps its rate.
+    part: float  #: Weight of a law's force in the balance of the step.
 
 
 class Equations(NamedTuple):
@@ -209,41 +203,38 @@ def _plain_largest(x: Array) -> float:
 
 @jit
 def advance(
-    equations: Equations, numbers: Numbers, factored: Array, coupling: Array, banded: bool, dampers: bool,
-    pots: Springpots | None, drift: Array | None, rules: Rules | None, force: Array, shift: Array, earlier: Array,
-    chunk: Chunk, work: Work,
+    equations: Equations, numbers: Numbers, factored: Array, coupling: Array, dampers: bool, pots: Springpots | None,
+    drift: Array | None, rules: Rules | None, force: Array, shift: Array, earlier: Array | None, chunk: Chunk,
+    work: Work,
 ) -> tuple[int, int]:  # fmt: skip
     """Take the steps that a chunk has rows for.
 
     Arguments that may be None come separately, because numba leaves out code for arguments that are None.
 
-    `numbers`, `factored`, `coupling`, `banded`: the fields of `Size`.
+    `numbers`, `factored`, `coupling`: of `Size`.
     `dampers`: whether a law has a damper.
     `drift` (shape (2, steps + 2, m)): what is added to the laws' coordinates ``b.q`` at the ends of steps, and one step
     ahead, m, and its rates.
     `rules`: what rows do that are no laws at fixed places; not without `drift`.
     `force` (shape (steps, n)): loads in the balance of every step; no rows where there are none.
     `shift` (shape (steps, n)): mean velocity less the mean rate of displacement, m/s; no rows where it is zero.
-    `earlier` (shape (n,)): mean acceleration over the step before that before the first one.
+    `earlier` (shape (n,)): mean acceleration over the step before that before the first one; None where laws do not act
+    by mean forces.
     Returns `taken, solves`: number of steps, fewer than asked for where the next one has no solution; and of those in
     which a law acted.
     """
     mass, stiffness, damping, rows, laws = borrowed(equations)
     chunk, work, factored, coupling = borrowed(chunk), borrowed(work), borrowed(factored), borrowed(coupling)
-    force, shift, earlier = borrowed(force), borrowed(shift), borrowed(earlier)
-    reactions, kind = work.reactions, work.reactions.whole[KIND]
+    force, shift = borrowed(force), borrowed(shift)
+    reactions, place, kind = work.reactions, work.reactions.place, work.reactions.whole[KIND]
     right, x, p, some = work.vectors[0], work.vectors[1], work.vectors[2], work.vectors[3]
     held, u_before, base, rate, before, last, origin, apart, y, asked, found, more, damper = named(reactions)
-    dt, b, mean, ahead, half = numbers.dt, numbers.b, numbers.mean, numbers.ahead, numbers.b * numbers.dt * numbers.cvw
+    dt, b, mean, half = numbers.way.dt, numbers.b, numbers.way.mean, numbers.b * numbers.way.dt * numbers.cvw
     m, solves, stride = found.size, 0, 0
     if rules is not None:
         stride = rules.stride
-    # An explicit step knows the coordinates of the laws, and solves for their rates.
-    explicit, weight = numbers.cqw == 0.0, 1.0 if mean else b
-    way = Way(mean, explicit, (1.0 + ahead) / weight, ahead / weight, dt)
-    per_y = dt * numbers.cvw if explicit else dt * dt * numbers.cqw
+    way, explicit, weight = numbers.way, numbers.way.explicit, numbers.part
     damped, shifted, past = damping.shape[0] > 0, shift.shape[0] > 0, laws.state.size > 0
-    begin_reactions(reactions, way, per_y, weight, coupling, factored, banded)
     if past:
         copy(chunk.past[0], laws.state)
     for k in range(chunk.q.shape[0] - 1):
@@ -252,7 +243,7 @@ def advance(
         # For mean forces p is guessed, the mean rate of displacement; otherwise q1 and v1 are those without w.
         # Motion that the step does not resolve changes its velocity from step to step. It drops out of the mean
         # velocities of the two steps before, which are extrapolated here.
-        if mean:
+        if earlier is not None:
             _sum(p, v0, half, earlier if k == 0 else chunk.a[k - 1])
         else:
             _sum(q1, q0, dt, v0)
@@ -268,7 +259,7 @@ def advance(
                 # Only dampers ask for it, and springpots, which count as such.
                 rate[j] = _rate(rows, rules, drift, k, there + j, q1, v1, dampers)
         if rules is not None:
-            _prepare(rows, rules, k, numbers, factored, coupling, per_y, weight, laws, reactions, some)
+            _prepare(rows, rules, k, numbers, factored, coupling, laws, reactions, some)
         if pots is not None:
             begin_springpots(pots, k, laws, way, chunk.pots, u_before, base, rate)
         solved, turned = 0, False
@@ -277,7 +268,7 @@ def advance(
                 copy(force[k], right)
             else:
                 fill(right, 0.0)
-            if mean:
+            if earlier is not None:
                 # Forces first: on fine meshes they cancel, and what inertia adds must not be rounded to their size.
                 _sum(some, q0, b * dt, p)
                 subtract_product(stiffness, some, right)
@@ -309,7 +300,7 @@ def advance(
             known = explicit and not dampers and rules is None
             if m > 0 and (known or turned):
                 copy(base, y)
-                if not np.isfinite(ask_laws(reactions, FORCES_AT)):
+                if not np.isfinite(call(reactions.laws, place, y, 0, y, 0, FORCES_AT, 0.0)):
                     return k, solves
             for j in range(m):
                 if known or turned:
@@ -331,7 +322,7 @@ def advance(
                                 origin[j] = dt * dot(rows, row, v1) + drift[0, k + 2, j]
                                 origin[j] += -drift[0, k + 1, j] if rules.anchored[j] else dot(rows, row, q1)
                     apart[j] = dot(rows, row, x)
-                answer = react(reactions, CORRECT if turned else SEARCH)
+                answer = call(reactions.address, place, y, 0, y, 0, CORRECT if turned else SEARCH, 0.0)
                 if answer < 0.0:
                     return k, solves
                 if answer > 0.0:
@@ -348,7 +339,7 @@ def advance(
             if not turned and (again == 1 or half * _largest(x) <= _SMALL * _largest(p)):
                 break
         solves += 0 if explicit else solved
-        if mean:
+        if earlier is not None:
             _sum(q1, q0, dt, p)
             if shifted:
                 _sum(p, p, 1.0, shift[k])
@@ -369,7 +360,7 @@ def advance(
             rate[j] = _rate(rows, rules, drift, k, there + j, q1, v1, dampers)
             chunk.u[k + 1, j], chunk.reaction[k + 1, j] = y[j], found[j]
         if dampers or past:
-            ask_laws(reactions, FINISH)
+            call(reactions.laws, place, y, 0, y, 0, FINISH, 0.0)
         if dampers:
             for j in range(m):
                 chunk.damper[k + 1, j] = damper[j]
@@ -413,17 +404,17 @@ def _pull(
 
 @jit
 def _prepare(
-    rows: Rows, rules: Rules, k: int, numbers: Numbers, factored: Array, compliance: Array, per_y: float,
-    weight: float, laws: Laws, reactions: Reactions, answer: Array,
+    rows: Rows, rules: Rules, k: int, numbers: Numbers, factored: Array, compliance: Array, laws: Laws,
+    reactions: Reactions, answer: Array,
 ) -> None:  # fmt: skip
     """Enter into `reactions` what rows do in step k, and how far they give way."""
-    dt, mean, stride, whole, reach = numbers.dt, numbers.mean, rules.stride, reactions.whole, reactions.coupling
+    mean, dt, stride, whole, reach = numbers.way.mean, numbers.way.dt, rules.stride, reactions.whole, reactions.coupling
     u0, per, target = reactions.of_laws[U0], reactions.of_laws[PER], reactions.of_laws[TARGET]
     ahead = dt * dt * (numbers.cvw + 0.5)
     for j in range(per.size):
         kind = rules.kind[k, j]
         whole[KIND, j], whole[PRESSING, j], whole[SPRUNG, j] = kind, rules.pressing[j], rules.springs[j]
-        per[j], target[j] = per_y, 0.0
+        per[j], target[j] = numbers.per_y, 0.0
         if kind == HOLDS:
             if mean and rules.anchored[j]:
                 target[j] = u0[j]
@@ -435,7 +426,7 @@ def _prepare(
             at = laws.table[j, FIRST] + 3
             laws.parameters[at], laws.parameters[at + 1] = rules.normal[k, j], rules.normal[k + 1, j]
     for j in range(per.size):
-        share = weight if whole[KIND, j] == ACTS else 1.0
+        share = numbers.part if whole[KIND, j] == ACTS else 1.0
         if stride > 0:
             fill(answer, 0.0)
             _pull(rows, k * stride, (k + 1) * stride, j, whole[KIND, j], mean, numbers.b, -1.0, answer)

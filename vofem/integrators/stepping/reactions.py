@@ -110,28 +110,16 @@ def reactions_of(
     return Reactions(*address, place_of(table), numbers, of_laws, whole, coupling, factored), [table, *kept]
 
 
-@jit
 def begin_reactions(
-    reactions: Reactions, way: Way, per_y: float, weight: float, coupling: Array, factored: Array, banded: bool
+    reactions: Reactions, way: Way, per_y: float, part: float, coupling: Array, factored: Array, banded: bool
 ) -> None:
     """Enter what belongs to steps of one size; `coupling` is that of `Size`."""
-    numbers, of_laws, share = reactions.numbers, reactions.of_laws, 1.0 if banded else per_y * weight
-    numbers[MEAN_FORCES], numbers[EXPLICIT] = 1.0 if way.mean else 0.0, 1.0 if way.explicit else 0.0
-    numbers[NOW], numbers[EARLIER], numbers[STEP_SIZE] = way.now, way.before, way.dt
-    numbers[PER_Y], numbers[PART] = per_y, weight
-    fill(of_laws[PER], per_y)
-    for i in range(coupling.shape[0]):
-        _scaled(reactions.coupling[i], share, coupling[i])
+    reactions.numbers[:] = *way, per_y, part
+    reactions.of_laws[PER] = per_y
     if banded:
-        for i in range(factored.shape[0]):
-            copy(factored[i], reactions.factored[i])
-
-
-@jit
-def _scaled(into: Array, factor: float, x: Array) -> None:
-    """Let ``into = factor x``."""
-    for i in range(x.size):
-        into[i] = factor * x[i]
+        reactions.coupling[:], reactions.factored[:] = coupling, factored
+    elif coupling.size:
+        reactions.coupling[:] = per_y * part * coupling
 
 
 @jit
@@ -142,18 +130,6 @@ def named(reactions: Reactions) -> tuple[Array, ...]:
         w[HELD], w[U0], w[BASE], w[RATE], w[BEFORE], w[LAST], w[ORIGIN], w[APART], w[Y], w[FORCES], w[FOUND], w[MORE],
         w[DAMPER],
     )  # fmt: skip
-
-
-@jit
-def ask_laws(reactions: Reactions, question: float) -> float:
-    """Return what `_ask_laws` answers."""
-    return call(reactions.laws, reactions.place, reactions.numbers, 0, reactions.numbers, 0, question, 0.0)
-
-
-@jit
-def react(reactions: Reactions, question: float) -> float:
-    """Return what `_react` answers."""
-    return call(reactions.address, reactions.place, reactions.numbers, 0, reactions.numbers, 0, question, 0.0)
 
 
 @jit
@@ -175,8 +151,7 @@ def _ask_laws(place: int, p: Any, z: Any, question: float, part: float) -> float
     for j in range(m):
         kind, presses, u0, y = whole[KIND, j], whole[PRESSING, j], w[U0, j], w[Y, j]
         if question == FINISH:
-            if kind != ABSENT:
-                w[DAMPER, j] = damper_over(laws, j, way, u0, y, w[RATE, j])
+            w[DAMPER, j] = damper_over(laws, j, way, u0, y, w[RATE, j]) if kind != ABSENT else 0.0
             if laws.table[j, END] > laws.table[j, START]:
                 commit_law(laws, j, y)
             continue

@@ -15,6 +15,7 @@ from vofem.integrators.stepping.checks import check_times, contact_checks
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.guides import Guides
 from vofem.integrators.stepping.kernel import Equations, Size, advance, work_space
+from vofem.integrators.stepping.reactions import begin_reactions
 from vofem.integrators.stepping.record import Path, Record, Switches, hysteretic_energy
 from vofem.integrators.stepping.scheme import Forcing, Loaded
 from vofem.integrators.stepping.step_loads import StepLoads
@@ -100,6 +101,8 @@ class Run:
         if system.contacts is not None:
             self.initial = initial_status(system.contacts, start.q, start.v)
         self.switches = Switches(structure, self.initial)
+        self._space: Any = None
+        self._of: Size | None = None
         chunk = self.path.chunk
         chunk.q[0], chunk.v[0], chunk.u[0], chunk.past[0] = q, v, u, laws.state
         #: The last row of the path whose switches are known.
@@ -240,7 +243,7 @@ class Run:
             return self.advanced(path, dt, t, forcing, pots)
         first, self.taken = path.filled, 0
         for k, end in enumerate(t.tolist()):
-            if not self.sliders.whole(self, path, dt, end, forcing.at(k)):
+            if not self.sliders.step(self, path, dt, end, forcing.at(k), cut=False):
                 break
             self.taken, path.filled = k + 1, path.filled + 1
         path.filled = first
@@ -261,9 +264,9 @@ class Run:
         if self.guides is not None:
             ahead = np.concatenate([[t[0] - dt], t, [t[-1] + dt]])
             equations, drift, rules = self.guides.over(path, ahead, equations, status)
-        earlier = path.chunk.a[max(path.filled - 1, 0)]
+        earlier = path.chunk.a[max(path.filled - 1, 0)] if self.scheme.mean else None
         self.taken, solves = advance(
-            equations, *known.size, self.dampers, pots, drift, rules, force, shift, earlier, path.steps(t.size),
+            equations, *known.size[:3], self.dampers, pots, drift, rules, force, shift, earlier, path.steps(t.size),
             self._work(known.size),
         )  # fmt: skip
         if self.callbacks is not None:
@@ -272,8 +275,13 @@ class Run:
 
     def _work(self, size: Size) -> Any:
         """Return work space."""
-        if not hasattr(self, "_space"):
+        if self._space is None:
             self._space = work_space(self.equations, size)
+        if self._of is not size:
+            self._of, work, numbers = size, self._space[0], size.numbers
+            begin_reactions(
+                work.reactions, numbers.way, numbers.per_y, numbers.part, size.coupling, size.factored, size.banded
+            )  # fmt: skip
         return self._space[0]
 
     def enter(self, path: Path, dt: float, t: Array, forcing: Forcing) -> None:
