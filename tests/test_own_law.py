@@ -20,8 +20,6 @@ from vofem.laws.group import ListedLaws
 from vofem.laws.law import COMMIT, FORCE, LOSS, MEAN, STORED, TANGENT, affine
 from vofem.parameters import Name, Real, declared
 
-pytestmark = pytest.mark.kernels("plain")
-
 STIFFNESS, LENGTH = 40.0, 0.1
 
 
