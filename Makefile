@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 SITE_STAMP := $(VENV)/.installed-site
 JOBS ?= 2
 
-.PHONY: demo test docs dist lint types unit verification setup accuracy lock clean
+.PHONY: demo test docs dist lint types unit oldest verification setup accuracy lock clean
 
 demo: setup
 	$(BIN)/vofem run examples/cantilever.toml --output output/cantilever --snapshot
@@ -39,6 +39,13 @@ types: setup
 # Whole modules go to the workers, in the order of tests/conftest.py.
 unit: setup
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
+
+# Compiled code with the oldest numba that pyproject.toml allows, beside the other packages of the lock.
+oldest: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --upgrade --target build/oldest \
+		numba==0.61.0 llvmlite==0.44.0 numpy==2.1.3
+	PYTHONPATH=build/oldest NUMBA_CACHE_DIR=build/oldest/cache $(BIN)/python -m pytest -n 0 -p no:cacheprovider \
+		-k 'at_once or borrowed or (events_of and both_ways)' tests/test_compiled_cache.py tests/test_kernel_modes.py
 
 # Run the whole catalogue, a minute or two, and write the tables of the docs.
 verification: setup

@@ -127,8 +127,8 @@ def order_section() -> str:
             f"in the paper's equations, the force jumps by K0 gap at every closing and opening, somewhere "
             f"inside a step, "
             f"and the orders scatter from {min(jump):.2f} to {max(jump):.2f}: the claim does not hold in general. "
-            f"energy_conserving, with its mean force over a step, has {min(kept):.1f} to {max(kept):.1f} on the two "
-            "masses even so. event_driven has no step; its switches are found to rounding under both laws.",
+            f"energy_conserving takes the mean force over a step; its orders on the two masses are {min(kept):.2f} and "
+            f"{max(kept):.2f}. event_driven has no step; its switches are found to rounding under both laws.",
             "Orders are slopes of a straight line through the logarithms of rms errors over seven step sizes, each "
             "error against the run on the same mesh that is exact in time.",
             "\n".join(lines),
@@ -383,31 +383,23 @@ def tolerance_section() -> str:
     return "\n\n".join(
         [
             "## What tol= costs and keeps against stiff stops",
-            "`energy_conserving` with `tol=` bounds displacements, not velocities or contact forces. **Masses** stay "
-            f"within it: between two stops errors are at most {max(free):.2g} tol, whatever the stiffness, and "
-            "steps are short within impacts only. **Beams** do not always stay within it. An impact excites their fast "
-            "modes, whose displacements are tiny but whose velocities change the next impact. In the runs below on a "
-            f"mass that hits a beam of four elements {often}, errors are up to {max(beam):.2g} tol; "
+            "`energy_conserving` with `tol=` bounds displacements, not velocities or contact forces. The displacement "
+            "errors of the single steps are estimated by halving each step; their sum over the largest displacement "
+            "stays below the tolerance. How these errors grow through later impacts is not bounded.",
+            f"**Masses** stay within the tolerance: between two stops errors are at most {max(free):.2g} tol, whatever "
+            "the stiffness. **Beams** do not always stay within it. An impact excites their fast modes, whose "
+            "displacements are tiny but whose velocities change the next impact. In the runs below a mass hits a beam "
+            f"of four elements {often}, and errors are up to {max(beam):.2g} tol; "
             + (
                 f"without a note they are at most {max(silent):.2g} tol. "
                 if silent
                 else "every one of these runs has a note that says so. "
             )
-            + "The note compares the run with one of four times the tolerance and gives the difference; a smaller tol "
-            "reduces it. The errors of contact velocities are bounded in each step, but their sum is not. What is "
-            "bounded "
-            "is the sum of the displacement errors of the single steps, estimated by halving each step, over the "
-            "largest displacement. The growth of these errors through later impacts is not bounded: the displacement "
-            "error that follows from a velocity error grows with the time until the next impact, and this impact may "
-            "magnify it. A note appears if the two "
-            "runs differ by more than five times the tolerance. If the sum of the velocity errors were bounded too, "
-            "the beam would stay within the tolerance, but the paper's beam would need 194 276 steps instead of 126. "
-            "Errors are "
-            "against event_driven, which is exact; "
-            + (
-                f"these runs take {min(times_over):.2g} to {max(times_over):.2g} times as long as event_driven takes "
-                "(event_driven: best of five runs; the others: one run each)."
-            ),
+            + "The note appears if the run differs from one of four times the tolerance by more than five times the "
+            "tolerance; it gives the difference. If the sum of the velocity errors were bounded too, the beam would "
+            "stay within the tolerance, but the paper's beam would need 194 276 steps instead of 126.",
+            f"Errors are against event_driven, which is exact. The runs take {min(times_over):.2g} to "
+            f"{max(times_over):.2g} times as long as event_driven (best of five runs; the others: one run each).",
             "\n".join(lines),
         ]
     )
@@ -580,7 +572,7 @@ def effect_section() -> str:
             f"{effects.TIMES} stored times, dt = 1e-3 s; central differences at half their critical step), one thing "
             "added at a time. What a scene does not call for has counters of exactly zero, which are left out here; "
             "`tests/test_absent_effects.py` checks that it is neither built nor evaluated. Runs in time steps with "
-            "contacts include the second run from a nearby start that looks for chaos (`nearby=`).",
+            "contacts include the further runs that look for chaos and for errors of the steps (`nearby=`).",
             effects.table(effects.measure(say)),
         ]
     )
@@ -620,12 +612,12 @@ def curve_section() -> str:
             f"{machine()}. pyHarm-os, where it is listed, reports the peak of another measure, NLvib's.",
             "![Errors of peaks and folds against time](figures/accuracy-curves.png)",
             "What the methods miss:\n\n"
-            "- **Shooting** finds all special points and the stability of every orbit. It accepts loads that are sums "
-            "of sines, and ideal contacts only.\n"
-            "- **Harmonic balance** finds both folds and no other special points: the period doublings and Neimark-"
-            "Sacker points of the two masses, and the grazings, are not listed. Its errors decrease with the number "
-            "of harmonics at the rate of the kink in the contact force. Few harmonics put the fold at a wrong "
-            "frequency without a warning on the curve; the estimate `orbit.truncation` shows it.\n"
+            "- **Shooting** finds all special points and the stability of every orbit. It accepts scenes that "
+            "`event_driven` accepts, under loads that are sums of sines.\n"
+            "- **Harmonic balance** finds folds, period doublings and Neimark-Sacker points; it lists no grazings. Its "
+            "errors decrease with the number of harmonics at the rate of the kink in the contact force. Few harmonics "
+            "put the fold at a wrong frequency, and list points that the curve does not have. The curve itself does "
+            "not show this; the estimate `orbit.truncation` of each orbit does.\n"
             "- **Sweeps** find stable motions only, and a fold only up to the distance of two frequencies. Slow "
             "transients near a fold blur it further. From 0.7388 rad/s on, where the curve of the two masses loses "
             "its stability, an upward sweep shows other motions of other amplitudes; downwards it stays on the linear "

@@ -7,7 +7,7 @@ import pytest
 from scenes import LAWS, alone, cantilever, on_stop, paper_beam, two_masses
 
 import vofem as vf
-from vofem.io.run_pictures import points_of_interest
+from vofem.histories.tables import points_of_interest
 
 STEPS = {
     "conserving": {"method": "energy_conserving"},

@@ -107,6 +107,16 @@ def test_explain_says_what_is_left_out():
     assert "closed form" in explanation.why
 
 
+def test_explain_says_where_bodies_start():
+    beam, mass = cantilever(5, name="deck"), vf.Mass(1.0, name="ball")
+    assert "Start\n  at rest\n" in str(vf.explain(vf.Scene([beam, mass])))
+    start = {mass: (0.1, -2.0), beam: vf.equilibrium(vf.Scene([beam]))}
+    assert vf.explain(vf.Scene([beam, mass], initial=start)).start == (
+        "Mass 'ball': displacement 0.1 m, velocity -2 m/s",
+        "Beam 'deck': Equilibrium",
+    )
+
+
 def test_displacements_do_not_cost_accelerations(monkeypatch):
     """What is not asked of a run in modes is not computed, and parts of it have the bits of the whole."""
     beam, scene = paper_beam("penetration", elements=5)
@@ -141,6 +151,6 @@ def test_what_travels_slides_or_bounces_is_imported_where_it_is_declared(added):
         "words = 'travel', 'slid', 'walk'\n"
         "print(sum(word in name for name in sys.modules for word in words if name.startswith('vofem')))\n"
     )
-    environment = os.environ | {"VOFEM_COMPILED": "never"}
+    environment = os.environ | {"VOFEM_COMPILED": "0"}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
     assert (int(done.stdout) > 0) == bool(added)

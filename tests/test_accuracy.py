@@ -109,7 +109,7 @@ def test_frontier_and_advice(study):
     assert good
     assert all(study.relative(run) <= 1e-4 for run in good)
     text = study.advice(1e-4)
-    assert text.startswith("For 0.0001 of the largest displacement at Beam 'beam' at x = 1 m take ")
+    assert text.startswith("For an error of 0.0001 of the largest displacement at Beam 'beam' at x = 1 m, use ")
     assert text.count(".") >= 1
     assert text.endswith(".")
     assert study.advice(1e-14).startswith("No run comes within 1e-14")

@@ -69,7 +69,7 @@ CASES = [
     (lambda: vf.Contact(beam(), gap=0.1, stiffness=1.0, side="below", acts_on="penetration"), r"\.at\(x\)"),
     (lambda: vf.PointLoad(3.0, 1.0), "expected a point"),
     (lambda: vf.PointLoad(beam().at(1.0), NAN), "NaN"),
-    (lambda: vf.PointLoad(beam().at(1.0), "sine"), "time function"),
+    (lambda: vf.PointLoad(beam().at(1.0), "sine"), "PointLoad: f is .sine., expected a number, a callable"),
     (lambda: vf.PointMoment(vf.Mass(1.0), 1.0), "has no slope"),
     (lambda: vf.RotationalSpring(vf.Mass(1.0), stiffness=1.0), "has no slope"),
     (lambda: vf.DistributedLoad(vf.Mass(1.0), 1.0), "expected a Beam"),

@@ -30,8 +30,8 @@ def scene_of(law="displacement"):
 
 def small_steps(monkeypatch, size):
     """Return from kernels every few steps, compiled or not."""
-    monkeypatch.setattr("vofem.integrators.stepping.run._CHUNK_WORK", size)
-    monkeypatch.setattr("vofem.integrators.stepping.run._PLAIN_WORK", size)
+    monkeypatch.setattr("vofem.integrators.stepping.equal._CHUNK_WORK", size)
+    monkeypatch.setattr("vofem.integrators.stepping.equal._PLAIN_WORK", size)
     monkeypatch.setattr("vofem.integrators.stepping.tolerance._CHUNK", 12)
     for name in ("FIRST_CALL", "MOST"):
         monkeypatch.setattr(f"vofem.integrators.event_driven.follow.{name}", 1)

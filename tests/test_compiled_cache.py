@@ -5,7 +5,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -16,13 +15,18 @@ from vofem.cli import FAULT, main
 from vofem.integrators.methods import BUILT_IN
 from vofem.io import doctor
 from vofem.kernels import cache as jit_cache
-from vofem.kernels.cache import read_entries, write_entry
 from vofem.kernels.mode import kernels
 from vofem.progress import RunProgress
 from vofem.simulate import ahead
 from vofem.simulate.plan import kind_of_run
 
 ROOT = Path(__file__).parent.parent
+
+
+def environment(tmp_path, **more):
+    """Return the environment of a process with compiled code of its own, which finds this package and its tests."""
+    paths = [str(ROOT), str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": os.pathsep.join(paths), **more}
 
 
 @pytest.fixture
@@ -37,37 +41,29 @@ def folder(tmp_path, monkeypatch):
 def test_kinds_are_kept_and_belong_to_sources_versions_and_processor(folder, monkeypatch):
     assert jit_cache.kinds_on_disk() == frozenset()
     jit_cache.keep_kind("events")
-    jit_cache.keep_kind("steps")
+    jit_cache.keep_kind("steps, laws")
     jit_cache.keep_kind("events")
-    assert jit_cache.kinds_on_disk() == {"events", "steps"}
-    for name, other in (("source_stamp", (0.0, 1)), ("_processor", "another"), ("_numba", "0.1")):
+    assert jit_cache.kinds_on_disk() == {"events", "steps, laws"}
+    for name, other in (("_source_stamp", (0.0, 1)), ("_processor", "another"), ("_numba", "0.1")):
         with monkeypatch.context() as patch:
             patch.setattr(jit_cache, name, lambda other=other: other)
             jit_cache._key.cache_clear()
             assert jit_cache.kinds_on_disk() == frozenset()
             jit_cache.keep_kind("other")
         jit_cache._key.cache_clear()
-        assert jit_cache.kinds_on_disk() == {"events", "steps"}
-    assert len(json.loads((folder / "vofem-compiled.json").read_text())) == 4
+        assert jit_cache.kinds_on_disk() == {"events", "steps, laws"}
 
 
-def test_an_index_that_cannot_be_read_is_empty(folder):
-    for content in ("{", "[]", "\x00"):
-        (folder / "vofem-compiled.json").write_text(content)
-        assert jit_cache.kinds_on_disk() == frozenset()
+def test_code_of_old_sources_goes(folder):
+    old = [folder / f"vofem-{k}" for k in range(6)]
+    for k, one in enumerate(old):
+        (one / "linalg").mkdir(parents=True)
+        os.utime(one, (k, k))
+    (folder / "other").mkdir()
     jit_cache.keep_kind("events")
-    assert jit_cache.kinds_on_disk() == {"events"}
-
-
-def test_the_oldest_entries_of_a_small_file_go(tmp_path):
-    file = tmp_path / "new" / "entries.json"
-    for k in range(12):
-        write_entry(file, str(k), k, most=4)
-    write_entry(file, "9", 99, most=4)
-    assert read_entries(file) == {"8": 8, "10": 10, "11": 11, "9": 99}
-    assert [path.name for path in file.parent.iterdir()] == ["entries.json"]
-    # A file in place of the folder: nothing happens.
-    write_entry(file / "entries.json", "a", 1)
+    assert {one.name for one in folder.glob("*/")} == {
+        "other", *(one.name for one in old[3:]), jit_cache.code_folder().name,
+    }  # fmt: skip
 
 
 def test_a_package_that_cannot_be_written_uses_the_users_folder(tmp_path, monkeypatch):
@@ -112,6 +108,7 @@ def test_doctor_tells_what_is_there(folder):
 
 KERNEL = """
 import sys, time
+from pathlib import Path
 from vofem.kernels.jit import jit
 
 @jit
@@ -121,9 +118,20 @@ def double(x):
         total = total + x
     return 0.5 * total
 
-# All processes begin at once.
-time.sleep(max(float(sys.argv[1]) - time.time(), 0.0))
-for kind in sys.argv[2:]:
+def meet(where, longest):
+    Path(f"{sys.argv[1]}.{where}").touch()
+    end = time.monotonic() + longest
+    while time.monotonic() < end and len(list(Path().glob(f"*.{where}"))) < 3:
+        time.sleep(0.001)
+
+def opened(event, arguments):
+    # Each process has read the index, and is about to write it with its own entry.
+    if event == "open" and ".nbi.tmp" in str(arguments[0]):
+        meet("writes", 0.7)
+
+sys.addaudithook(opened)
+meet("ready", 60.0)
+for kind in sys.argv[1:]:
     argument = {"int": 3, "float": 2.5, "complex": 1j}[kind]
     assert double(argument) == 2.0 * argument, double(argument)
 print(sum(double.dispatcher.stats.cache_hits.values()))
@@ -131,28 +139,22 @@ print(sum(double.dispatcher.stats.cache_hits.values()))
 
 
 def test_processes_that_compile_at_once_do_no_harm(tmp_path):
-    """Each compiles for other arguments; none takes the code of another for its own."""
+    """Each compiles for other arguments; none takes the code of another for its own, and nothing is lost."""
     script = tmp_path / "kernel.py"
     script.write_text(KERNEL)
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
 
-    def begin(at, *kinds):
+    def begin(*kinds):
         return subprocess.Popen(
-            [sys.executable, str(script), str(at), *kinds], env=environment, stdout=subprocess.PIPE, text=True
-        )
+            [sys.executable, str(script), *kinds], env=environment(tmp_path), cwd=tmp_path, stdout=subprocess.PIPE,
+            text=True,
+        )  # fmt: skip
 
     kinds = ("int", "float", "complex")
-    at = time.time() + 2.0
-    children = [begin(at, kind) for kind in kinds]
-    assert [child.wait() for child in children] == [0, 0, 0]
-    for child in children:
-        child.stdout.close()
-    # Without a race, what was lost in it is compiled once more, and then it is there.
-    for _ in range(2):
-        child = begin(0.0, *kinds)
-        hits, _ = child.communicate()
-        assert child.returncode == 0
-    assert int(hits) == 3
+    children = [begin(kind) for kind in kinds]
+    found = [child.communicate()[0] for child in children]
+    assert [child.returncode for child in children] == [0, 0, 0]
+    assert found == ["0\n"] * 3
+    assert begin(*kinds).communicate()[0] == "3\n"
 
 
 def test_the_bar_says_that_it_compiles(monkeypatch):
@@ -210,12 +212,9 @@ print(json.dumps({f"{f.__module__}.{f.__name__}": f.compilations for f in made})
 
 def test_what_a_scene_does_not_hold_is_not_compiled(tmp_path):
     """No springpots, hysteresis, resolved switches, laws written in Python, dampers, probes, and no second law."""
-    environment = {
-        **os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(ROOT), "NUMBA_NRT_STATS": "1",
-    }  # fmt: skip
     run = subprocess.run(
-        [sys.executable, "-c", ONE_CONTACT, "energy_conserving"], env=environment, capture_output=True, text=True,
-        check=True,
+        [sys.executable, "-c", ONE_CONTACT, "energy_conserving"], env=environment(tmp_path, NUMBA_NRT_STATS="1"),
+        capture_output=True, text=True, check=True,
     )  # fmt: skip
     left, listed = run.stdout.splitlines()[-2:]
     assert left == "0", "arrays of kernels that nothing frees"
@@ -273,9 +272,8 @@ assert stats.mi_alloc >= 50 and stats.mi_alloc == stats.mi_free, stats
 def test_arrays_that_are_borrowed_are_those_of_the_caller(tmp_path):
     """What is allocated is freed once, and the caller's arrays have as many owners as before."""
     (tmp_path / "borrowing.py").write_text(BORROWING)
-    environment = {
-        **os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "NUMBA_NRT_STATS": "1",
-        "PYTHONPATH": os.pathsep.join([str(ROOT), str(tmp_path)]),
-    }  # fmt: skip
-    run = subprocess.run([sys.executable, "-c", "import borrowing"], env=environment, capture_output=True, text=True)
+    run = subprocess.run(
+        [sys.executable, "-c", "import borrowing"], env=environment(tmp_path, NUMBA_NRT_STATS="1"),
+        capture_output=True, text=True,
+    )  # fmt: skip
     assert run.returncode == 0, run.stderr

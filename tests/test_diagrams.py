@@ -57,7 +57,7 @@ def test_a_store_gives_the_same_diagram_without_computing(tmp_path, monkeypatch)
     def refuse(*_, **__):
         raise AssertionError("computed again")
 
-    monkeypatch.setattr("vofem.studies.diagrams.stroboscope.simulate", refuse)
+    monkeypatch.setattr("vofem.studies.diagrams.bifurcation.simulate", refuse)
     again = vf.bifurcation_diagram(functions.two_masses, values, store=store, **arguments)
     for start in ("rest", "up", "down"):
         assert again.displacement(start=start).tobytes() == first.displacement(start=start).tobytes()
@@ -124,7 +124,7 @@ def test_a_map_of_stability_holds_the_orbits_of_periodic():
 
 
 def test_a_map_of_steady_states_hatches_the_unstable_cells(tmp_path):
-    from vofem.io.pictures.maps import _cells, state_map
+    from vofem.io.pictures.studies import _cells, state_map
 
     found = vf.stability_map(functions.oscillator, [0.5, 1.2], [0.0, 0.2], executor="serial")
     assert state_map(found, tmp_path / "map.svg", quantity="multiplier", labels=("w [rad/s]", "f [N]")).exists()

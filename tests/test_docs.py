@@ -231,6 +231,17 @@ def test_links_lead_somewhere(page):
             assert anchor in slugs, f"{page.name} links to {target}"
 
 
+def test_files_that_the_pages_for_developers_name_exist():
+    known = {
+        path.as_posix()
+        for folder in ("vofem", "tests", "benchmarks", "tools")
+        for path in ROOT.glob(folder + "/**/*.py")
+    }
+    for page in (DOCS / "how-it-works.md", DOCS / "development.md", *(DOCS / "methods").glob("*.md")):
+        for name in re.findall(r"[\w/-]+\.py\b", page.read_text(encoding="utf-8")):
+            assert any(path.endswith("/" + name) for path in known), f"{page.name} names {name}"
+
+
 def test_the_page_on_derivatives_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names = run_page(DOCS / "derivatives.md")

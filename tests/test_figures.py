@@ -16,7 +16,7 @@ from scenes import on_stop, paper_beam
 import vofem as vf
 from vofem.io import plot
 from vofem.io.pictures import axes as look
-from vofem.io.pictures.envelope import envelope_of
+from vofem.io.pictures.histories import envelope_of
 from vofem.io.pictures.spectra import amplitudes, density
 
 

@@ -284,3 +284,5 @@ def test_wrong_data_are_refused() -> None:
         vf.fit(scene, vf.Parameter("stop", "gap"), [1.0])
     with pytest.raises(vf.ArgumentError, match="give it for all of them"):
         vf.fit(scene, vf.Parameter("stop", "gap"), [measured, vf.Measured(mass, [0.3], [0.0], 1.0)])
+    with pytest.raises(vf.ArgumentError, match="data are in Hz and m, and only their noise"):
+        vf.fit(scene, vf.Parameter("stop", "gap"), [measured, vf.MeasuredFrequencies([1.0])])

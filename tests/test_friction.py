@@ -523,6 +523,21 @@ def test_a_slider_behind_a_spring_that_is_harder_to_start(method: str) -> None:
     assert errors[0] > 3.0 * errors[1]
 
 
+def test_the_slip_of_a_slider_behind_a_spring_is_its_own_and_makes_the_heat() -> None:
+    """The end of the spring moves while the slider sticks, and rubs on nothing; steps and the exact run agree."""
+    block = vf.Mass(1.0, stiffness=20.0, name="block")
+    pad = vf.Friction(block, coefficient=0.3, normal=2.0, stiffness=100.0, name="pad")
+    scene = vf.Scene([block], [pad, vf.PointLoad(block, vf.Sine(2.5, 3.0))])
+    times = np.linspace(0.0, 4.0, 2001)
+    for result in (run(scene, 4.0, times), steps(scene, 4.0, 2000, times)):
+        slider, stuck = result.frictions["pad"], result.frictions["pad"].status == 0
+        assert 0.1 < np.mean(stuck) < 0.5
+        assert np.abs(result.velocity(block)[stuck]).max() > 0.2
+        assert np.all(slider.slip_speed[stuck] == 0.0)
+        heat = np.trapezoid(0.3 * slider.wear_power, times)
+        assert heat == pytest.approx(slider.dissipated[-1], rel=2e-3)
+
+
 def test_several_sliders_on_a_beam_in_steps_agree_with_the_exact_run() -> None:
     """Two rigid sliders that hold each other, beside one behind a spring and a contact with a damper."""
     beam = vf.Beam(1.0, 10.0, 0.5, 4, {"left": "clamped"}, name="beam")
@@ -562,7 +577,7 @@ def test_friction_under_a_contact_is_refused_where_it_cannot_be_treated() -> Non
     ):
         with pytest.raises(vf.ArgumentError, match=f"{found} given, expected one of them"):
             vf.Friction(x, coefficient=0.1, **given)
-    with pytest.raises(vf.ArgumentError, match="the scene has no contact 'flor' to press it; it has 'floor'"):
+    with pytest.raises(vf.ArgumentError, match="contact is 'flor', expected a contact of the scene, which has 'floor'"):
         vf.Scene(scene.bodies, [*scene.effects[1:], vf.Friction(x, coefficient=0.1, contact="flor")])
     twins = [vf.Friction(x, coefficient=0.1, normal=1.0, name=name) for name in ("one", "two")]
     with pytest.raises(vf.MethodError, match="'one' and Friction 'two' act on coordinates that depend on each other"):

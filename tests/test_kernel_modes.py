@@ -1,6 +1,9 @@
 """Kernels as plain Python and as machine code: the same results to rounding, each whole, decided once."""
 
+import os
 import random
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -215,6 +218,19 @@ def test_a_run_that_outlasts_the_patience_begins_anew(choice, undecided, monkeyp
     assert choice == ["event_driven"]
 
 
+def test_a_run_that_ended_in_plain_python_is_compiled_once_it_goes_on(choice, undecided, monkeypatch, tmp_path):
+    """Power is lost in the first seconds: what goes on is not bound to the slow way that a run begins in."""
+    _, scene = paper_beam("displacement")
+    broken_off(tmp_path / "run.checkpoint", 0.5, scene, 6.0, method="event_driven")
+    whole = vf.simulate(scene, 6.0, compiled=True, method="event_driven")
+    monkeypatch.setattr(compile_choice, "_ready", set())
+    monkeypatch.setattr(compile_choice, "_spent", {})
+    monkeypatch.setattr(compile_choice, "COMPILING", 1e-6)
+    resumed = vf.resume(tmp_path / "run.checkpoint")
+    assert resumed.compiled
+    assert np.array_equal(resumed.samples.q, whole.samples.q)
+
+
 def test_statics_that_outlast_the_patience_begin_anew(choice, undecided, monkeypatch):
     mass = vf.Mass(1.0, stiffness=1.0)
     spring = vf.BilinearSpring(mass, stiffness=3.0, linear_limit=0.005, hardening=0.5)
@@ -242,3 +258,12 @@ def test_compiled_says_what_it_takes():
     _, scene = paper_beam("displacement")
     with pytest.raises(vf.ArgumentError, match="compiled is 'yes', expected True, False"):
         vf.simulate(scene, 1.0, compiled="yes")
+
+
+def test_a_wrong_environment_variable_is_told():
+    run = subprocess.run(
+        [sys.executable, "-c", "import vofem.kernels.mode"], env={**os.environ, "VOFEM_COMPILED": "never"},
+        stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert run.returncode == 1
+    assert "VOFEM_COMPILED is 'never', expected 1 for compiled code or 0 for plain Python" in run.stderr

@@ -32,7 +32,7 @@ def test_an_orbit_with_28_impacts_a_period():
 
 def test_a_motion_that_does_not_settle_is_told(monkeypatch):
     """With little loss in the stops the rattle is chaotic."""
-    monkeypatch.setattr("vofem.studies.steady.settle.MOST_PERIODS", 12)
+    monkeypatch.setattr("vofem.studies.steady.steady_state.MOST_PERIODS", 12)
     with pytest.raises(vf.ConvergenceError, match=r"subharmonic or chaotic motion.*vofem\.continuation"):
         vf.periodic(rattler(0.5, damping=1.0))
     with pytest.raises(vf.ConvergenceError, match=r"continuation: .*another start, at which the motion is regular"):

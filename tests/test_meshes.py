@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import vofem as vf
-from vofem.bodies.mesh_file import read_mesh
+from vofem.bodies.mesh import read_mesh
 
 MESHES = Path(__file__).parents[1] / "meshes"
 UNIFORM = ["beam25.msh", "beam25.vtu", "beam25.med", "inclined.msh"]

@@ -11,8 +11,7 @@ from scenes import paper_beam
 import vofem as vf
 from vofem import cli
 from vofem.io import animate
-from vofem.io.movies.views import side_view
-from vofem.io.movies.writing import true_rate
+from vofem.io.movies import side_view, true_rate
 from vofem.io.pictures.drawing import CLOSED
 from vofem.io.pictures.sketch import sketch
 from vofem.io.pictures.snapshot import snapshots

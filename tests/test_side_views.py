@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import vofem as vf
-from vofem.io.pictures.arrows import LOAD
 from vofem.io.pictures.drawing import BLOCK, CLOSED
+from vofem.io.pictures.links import LOAD
 from vofem.io.pictures.sketch import sketch
 from vofem.io.pictures.snapshot import at_rest, snapshot
 

@@ -100,7 +100,7 @@ def test_reactions_know_of_them(method, within):
 
 @pytest.mark.kernels("plain")
 def test_an_order_that_is_a_function_must_be_given_again(tmp_path, monkeypatch):
-    monkeypatch.setattr("vofem.integrators.stepping.run._PLAIN_WORK", 200)
+    monkeypatch.setattr("vofem.integrators.stepping.equal._PLAIN_WORK", 200)
     monkeypatch.setattr("vofem.laws.springpot_past._MOST_STEPS", 150)
     options = {"method": "energy_conserving", "dt": 0.02}
     mass, scene = oscillator(swinging, STARTS["struck"])

@@ -13,8 +13,8 @@ import vofem as vf
 from vofem import cli
 from vofem.io import plot
 from vofem.io.pictures import axes as picture_axes
-from vofem.io.scenes.changes import number_at
 from vofem.io.tables import branch_table, write_branch
+from vofem.parameters import number_at
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "two_masses_response.toml"
 
@@ -128,6 +128,10 @@ def test_a_branch_as_a_table(branch, tmp_path):
     assert [row["stable"] for row in plain] == [{True: "1", False: "0", None: ""}[s] for s in found.stable]
     assert [row["special"] for row in rows if row["special"]] == [special.kind for special in found.special]
     assert "grazing (stop)" in branch_table(found, masses[1])
+    frame = found.to_dataframe(masses[1])
+    assert frame["stable"].tolist() == [{"1": True, "0": False, "": None}[row["stable"]] for row in rows]
+    assert frame["b largest"].tolist() == [float(row["b largest [m]"]) for row in rows]
+    assert frame.attrs["units"]["b least"] == "m"
 
 
 # -- the command --------------------------------------------------------------------------------------

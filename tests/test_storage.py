@@ -18,8 +18,8 @@ from scenes import SHORT, alone
 import vofem as vf
 from vofem import cli
 from vofem.files.hdf5 import reading, writing
+from vofem.histories.tables import points_of_interest
 from vofem.integrators.base import Samples
-from vofem.io.run_pictures import points_of_interest
 from vofem.io.storage.tree import NAMES, class_named, name_of_class, read_tree, write_text, write_tree
 from vofem.time_functions import Piece
 

@@ -6,9 +6,9 @@ import pytest
 
 import vofem as vf
 from vofem.cli import main
-from vofem.io.pictures.sweeps import sweep_curves
-from vofem.io.scenes.changes import changed
+from vofem.io.pictures.studies import sweep_curves
 from vofem.io.study_file import load_study
+from vofem.parameters import changed
 
 SCENE = """
 [run]

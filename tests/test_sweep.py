@@ -500,7 +500,7 @@ sys.path.insert(0, {tests!r})
 import sweep_functions, vofem as vf
 if __name__ == "__main__":
     function = functools.partial(sweep_functions.slow_square, folder={folder!r}, seconds=0.1)
-    table = vf.sweep(function, {{"x": list(range(12))}}, store={store!r}, workers=2)
+    table = vf.sweep(function, {{"x": list(range(12))}}, store={store!r}, workers=2, compiled={compiled})
     print(table.counters["restarts"])
 """
 
@@ -525,7 +525,8 @@ def test_a_sweep_that_was_killed_goes_on_to_the_same_table(tmp_path, victim):
     folder, store = tmp_path / "calls", tmp_path / "rows.h5"
     folder.mkdir()
     script = tmp_path / "study.py"
-    script.write_text(SCRIPT.format(tests=str(TESTS), folder=str(folder), store=str(store)))
+    way = {"tests": str(TESTS), "folder": str(folder), "store": str(store), "compiled": compiled()}
+    script.write_text(SCRIPT.format(**way))
     process = started(script, folder, 8)
     worker = int(max(folder.iterdir(), key=lambda path: path.stat().st_mtime_ns).name.split("-")[1])
     if victim == "worker":

@@ -8,6 +8,7 @@ import vofem as vf
 from vofem.integrators.methods import ENERGY_CONSERVING
 from vofem.integrators.stepped import interpolated
 from vofem.integrators.stepping.methods import MIDPOINT
+from vofem.integrators.stepping.structure import Structure
 from vofem.integrators.stepping.tolerance import StepDoubling
 from vofem.system import Counters
 
@@ -173,9 +174,8 @@ def tried(law, start, phase, fineness=1.0):
     }[law]()
     scene = vf.Scene([mass], [effect], {mass: start})
     system, t_end = scene.model.system, 2.0 * 32 * phase / 100.0
-    run = StepDoubling(
-        system, scene.initial_state(), Counters(), t_end, ENERGY_CONSERVING, MIDPOINT, 1e-3, fineness
-    )  # fmt: skip
+    structure = Structure(system, ENERGY_CONSERVING, MIDPOINT, Counters())
+    run = StepDoubling(structure, scene.initial_state(), Counters(), t_end, 1e-3, fineness)
     run.level = 0
     run.begin(run.length(1))
     assert run.length(1) == pytest.approx(phase / 100.0)

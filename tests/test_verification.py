@@ -23,10 +23,9 @@ from vofem.verification import (
     select,
     verify,
 )
-from vofem.verification.case import DYNAMIC
+from vofem.verification.case import DYNAMIC, judge
 from vofem.verification.cases.masses import bilinear_period
 from vofem.verification.report import junit, markdown, markdown_details, summary
-from vofem.verification.runner import judge
 
 DOCS = Path(__file__).parent.parent / "docs" / "verification.md"
 RUNS = [(case, method, how) for case in catalogue() for method, how in case.how.items() if not how.slow]

@@ -9,8 +9,8 @@ import numpy as np
 from campaigns import campaign
 
 import vofem as vf
+from vofem.statics.equilibria import work_notes
 from vofem.statics.solver import EquilibriumSolver
-from vofem.statics.work_balance import work_notes
 
 
 def path(seed):

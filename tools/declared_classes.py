@@ -1,7 +1,7 @@
 """An extension of griffe: the site shows docstrings and signatures that are made when the package is imported.
 
 Those of declared classes are made of the annotated fields, see `vofem.parameters`; what all pictures share is added to
-the docstrings of `vofem.io.plot`.
+the docstrings of `vofem.io.plot`, and what all writers share to theirs.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Any
 
 import griffe
 
+from vofem.histories.table import Tabled
 from vofem.parameters import declarations, is_declared
 
 _KINDS = {
@@ -24,14 +25,17 @@ class DeclaredClasses(griffe.Extension):
     """Take docstring and signature of declared classes from the classes themselves."""
 
     def on_function(self, *, func: griffe.Function, **kwargs: Any) -> None:
-        """Replace the docstring of a function that draws a picture."""
-        if func.module.path.startswith("vofem.io.pictures.") and any("figure" in str(d.value) for d in func.decorators):
+        """Replace the docstring of a function that draws a picture or writes a file."""
+        decorators = " ".join(str(one.value) for one in func.decorators)
+        if func.module.path.startswith("vofem.io.") and ("figure" in decorators or "writer" in decorators):
             made = getattr(importlib.import_module(func.module.path), func.name)
             func.docstring = griffe.Docstring(inspect.getdoc(made) or "", parent=func)
 
     def on_class(self, *, cls: griffe.Class, **kwargs: Any) -> None:
         """Replace them."""
         made = getattr(importlib.import_module(cls.module.path), cls.name, None)
+        if isinstance(made, type) and issubclass(made, Tabled):
+            cls.docstring = griffe.Docstring(inspect.getdoc(made) or "", parent=cls)
         if not isinstance(made, type) or not is_declared(made):
             return
         cls.docstring = griffe.Docstring(inspect.getdoc(made) or "", parent=cls)

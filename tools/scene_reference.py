@@ -10,7 +10,7 @@ from pathlib import Path
 
 from vofem.bodies import Beam
 from vofem.io.scenes import schema
-from vofem.io.scenes.beam import MESH
+from vofem.io.scenes.schema import MESH
 from vofem.io.scenes.settings import OutputSettings, RespondSettings, RunSettings, run_keys
 from vofem.parameters import Declaration, Real, declarations
 from vofem.time_functions.base import FUNCTIONS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 
 import numpy as np
@@ -37,8 +37,7 @@ class Named(Mapping[str, T]):
     def __getitem__(self, name: Any) -> T:
         key = name_of(name)
         if key not in self._things:
-            known = tuple(self._things)
-            raise ArgumentError(f"no {self._kind} is named {key!r}; there are {list(known)}{nearest(key, known)}")
+            raise unknown(self._kind, key, self._things)
         return self._things[key]
 
     def __contains__(self, name: object) -> bool:
@@ -66,6 +65,13 @@ def missing(what: str, expected: str) -> ArgumentError:
     error = ArgumentError(f"{what} is missing, expected {expected}")
     error.parts = ("", expected, "")
     return error
+
+
+def unknown(kind: str, name: Any, known: Iterable[str], cure: str = "", what: str = "") -> ArgumentError:
+    """Return the error for a name that no thing of a kind has: it lists the names that there are."""
+    names = tuple(known)
+    listed = f", expected {one_of(names)}" if names else "; there are none"
+    return ArgumentError(f"{what and what + ': '}no {kind} is named {name!r}{listed}{nearest(name, names)}{cure}")
 
 
 def number(
@@ -134,6 +140,18 @@ def choice(what: str, value: Any, allowed: tuple[str, ...]) -> str:
     if isinstance(value, str) and value in allowed:
         return value
     raise wrong(what, repr(value), one_of(allowed), nearest(value, allowed))
+
+
+def several(what: str, given: Any, kind: type[T], made_by: str) -> list[T]:
+    """Return one thing of a kind, or several of them, as a list.
+
+    `what`: the argument, such as ``"locus: curves"``.
+    `made_by`: the function that returns such things, for the message.
+    """
+    found = [given] if isinstance(given, kind) or not isinstance(given, Iterable) else list(given)
+    if not found or not all(isinstance(one, kind) for one in found):
+        raise wrong(what, repr(given), f"what {made_by} returns, or several of these")
+    return found
 
 
 def public(*classes: type) -> None:

@@ -26,10 +26,9 @@ from vofem.errors import ArgumentError, OutputError, VofemError
 if TYPE_CHECKING:
     from vofem.io.scene_file import SceneFile
     from vofem.io.scenes.settings import OutputSettings
-    from vofem.io.study_file import StudyFile
     from vofem.result import Result
+    from vofem.scene import Scene
     from vofem.studies.steady import Branch
-    from vofem.studies.sweep import Sweep
 
 __all__ = ["FAULT", "FINE", "INTERRUPTED", "main", "script"]
 
@@ -154,9 +153,8 @@ def _made(folder: Path) -> Path:
 def _write(result: Result, output: OutputSettings, folder: Path) -> Iterator[Path]:
     """Write the histories of a run; return the files one by one."""
     from vofem.io.csv_file import write_csv, write_probes
-    from vofem.io.run_pictures import history_points
 
-    yield write_csv(result, history_points(result.scene, output), folder / "histories.csv")
+    yield write_csv(result, _history_points(result.scene, output), folder / "histories.csv")
     if result.recorded is not None:
         yield write_probes(result, folder / "probes.csv")
 
@@ -168,9 +166,8 @@ def _draw(result: Result, output: OutputSettings, folder: Path, snapshot: bool) 
     """
     from vofem.io.pictures.histories import time_history
     from vofem.io.render import render
-    from vofem.io.run_pictures import history_points, picture_times
 
-    points, times = history_points(result.scene, output), picture_times(result, output)
+    points, times = _history_points(result.scene, output), _picture_times(result, output)
     for k, point in enumerate(points, start=1):
         history = time_history(result, point, folder / _numbered("history", k, len(points)))
         if len(points) > 1:
@@ -185,6 +182,37 @@ def _draw(result: Result, output: OutputSettings, folder: Path, snapshot: bool) 
             yield drawn(result, times[0] if times else result.times[-1], folder / "snapshot.png")
         except OutputError as error:
             print(f"left out: {error}")
+
+
+def _history_points(scene: Scene, output: OutputSettings) -> tuple[Any, ...]:
+    """Return the points that the settings name, or some telling ones."""
+    from vofem.histories.tables import MOST, points_of_interest
+
+    return output.history or points_of_interest(scene)[:MOST]
+
+
+def _picture_times(result: Result, output: OutputSettings) -> tuple[float, ...]:
+    """Return the times that the settings name, or the middle of the first contact, or when most is displaced.
+
+    Of the times named those are left out that a shorter run does not reach.
+    """
+    import numpy as np
+
+    named = tuple(t for t in output.pictures if t <= result.times[-1])
+    if named or output.pictures:
+        return named
+    intervals = [
+        (float(history.closings[0]), float(history.openings[0]) if history.openings.size else float(result.times[-1]))
+        for history in result.contacts.values()
+        if history.closings.size
+    ]
+    if intervals:
+        middle = 0.5 * sum(min(intervals))
+        # A stepping method may have stored few times; event_driven knows them all.
+        nearest = float(result.times[int(np.argmin(np.abs(result.times - middle)))])
+        return (middle if result.solution.continuous else nearest,)
+    motion = np.max(np.abs([result.displacement(point) for point in _history_points(result.scene, output)]), axis=0)
+    return (float(result.times[int(np.argmax(motion))]),)
 
 
 def _numbered(name: str, k: int, count: int) -> str:
@@ -334,7 +362,7 @@ def _render(arguments: argparse.Namespace) -> int:
 
 def _movie(arguments: argparse.Namespace) -> int:
     """Write a movie; return the exit code."""
-    from vofem.io.movies.animate import animate
+    from vofem.io.movies import animate
     from vofem.io.scene_file import point_named
     from vofem.io.storage.run_file import load
 
@@ -371,14 +399,20 @@ def _add_respond(commands: Commands) -> None:
 
 def _respond(arguments: argparse.Namespace) -> int:
     from vofem.integrators.observer import deferred_interrupts
-    from vofem.io.scene_file import load_scene
+    from vofem.io.scene_file import load_scene, point_named
     from vofem.studies.steady import continuation
 
     file = load_scene(arguments.scene)
     # Raises for missing arguments before any work is done.
     file.at(arguments.start)
-    point, options = _branch_point(arguments, file), _branch_options(arguments, file)
     assert file.respond is not None
+    names = ("periods", "method", "harmonics")
+    given = {name: getattr(arguments, name) for name in names}
+    options = {name: getattr(file.respond, name) if value is None else value for name, value in given.items()}
+    # The point that is asked for, that of the first contact, or a body's.
+    point = file.respond.point or _history_points(file.scene, file.output)[0]
+    if arguments.point is not None:
+        point = point_named(file.scene, arguments.point)
     folder = _output(arguments, arguments.scene)
     saved = folder / "branch.h5"
     if saved.exists() and not arguments.overwrite:
@@ -418,25 +452,6 @@ def _branch_files(branch: Branch, point: Any, folder: Path, name: str, pictures:
             yield multipliers(branch, folder / "multipliers.png")
 
 
-def _branch_options(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:
-    """Return options of the continuation: the command line's, else the file's."""
-    assert file.respond is not None
-    names = ("periods", "method", "harmonics")
-    given = {name: getattr(arguments, name) for name in names}
-    return {name: getattr(file.respond, name) if value is None else value for name, value in given.items()}
-
-
-def _branch_point(arguments: argparse.Namespace, file: SceneFile) -> Any:
-    """Return the point whose amplitude is drawn: the one asked for, that of the first contact, or a body's."""
-    from vofem.io.run_pictures import history_points
-    from vofem.io.scene_file import point_named
-
-    assert file.respond is not None
-    if arguments.point is not None:
-        return point_named(file.scene, arguments.point)
-    return file.respond.point or history_points(file.scene, file.output)[0]
-
-
 # -- vofem sweep
 
 
@@ -458,7 +473,9 @@ def _sweep(arguments: argparse.Namespace) -> int:
     from vofem.studies.sweep.sweeping import sweep
 
     study = load_study(arguments.study)
-    print(_study_summary(study), flush=True)
+    for name, series in study.values.items():
+        print(f"{name}: {len(series)} values, {series[0]} ... {series[-1]}")
+    print(f"measured: {', '.join(study.measure)}", flush=True)
     folder = _output(arguments, arguments.study)
     store = folder / "sweep.h5"
     try:
@@ -471,7 +488,9 @@ def _sweep(arguments: argparse.Namespace) -> int:
         done = sum(interrupted.sweep.counters[name] for name in ("computed", "stored"))
         print(f"stopped after {done} points, which are kept in {store}; the same command goes on from there")
         raise
-    print(_study_outcome(table))
+    stored, seconds = table.counters["stored"], table.seconds.sum()
+    kept = f", {stored} of them kept from before" * bool(stored)
+    print(f"{len(table.points.rows)} points{kept}; {len(table.failed)} failed; {seconds:.3g} s of computing in all")
     for one in table.failed[:5]:
         print(f"failed: {one}")
     for note in table.notes:
@@ -480,7 +499,11 @@ def _sweep(arguments: argparse.Namespace) -> int:
     pressed = False
     try:
         if not arguments.no_pictures:
-            written += _study_pictures(table, folder)
+            from vofem.io.pictures.studies import sweep_curves
+
+            written.append(sweep_curves(table, folder / "sweep.png"))
+    except ArgumentError as error:
+        print(f"no picture: {error}")
     except KeyboardInterrupt:
         pressed = True
         print("interrupted: the picture is left out")
@@ -488,18 +511,6 @@ def _sweep(arguments: argparse.Namespace) -> int:
     if pressed:
         return INTERRUPTED
     return FAULT if len(table.failed) == len(table.points.rows) else FINE
-
-
-def _study_summary(study: StudyFile) -> str:
-    lines = [f"{name}: {len(series)} values, {series[0]} ... {series[-1]}" for name, series in study.values.items()]
-    return "\n".join([*lines, f"measured: {', '.join(study.measure)}"])
-
-
-def _study_outcome(table: Sweep) -> str:
-    counters = table.counters
-    seconds = table.seconds.sum()
-    kept = f", {counters['stored']} of them kept from before" if counters["stored"] else ""
-    return f"{len(table.points.rows)} points{kept}; {len(table.failed)} failed; {seconds:.3g} s of computing in all"
 
 
 @contextlib.contextmanager
@@ -518,16 +529,6 @@ def _executor(address: str | None) -> Iterator[Any]:
         raise ArgumentError(f"--scheduler: no scheduler answers at {address} ({error}); check the address") from None
     with client:
         yield client
-
-
-def _study_pictures(table: Sweep, folder: Path) -> list[Path]:
-    from vofem.io.pictures.sweeps import sweep_curves
-
-    try:
-        return [sweep_curves(table, folder / "sweep.png")]
-    except ArgumentError as error:
-        print(f"no picture: {error}")
-        return []
 
 
 # -- vofem verify
@@ -696,6 +697,6 @@ def _add_doctor(commands: Commands) -> None:
 def _doctor(arguments: argparse.Namespace) -> int:
     from vofem.io.doctor import diagnose
 
-    found = diagnose()
-    print(found)
-    return FAULT if found.missing else FINE
+    text, complete = diagnose()
+    print(text)
+    return FINE if complete else FAULT

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from vofem._validate import nearest
+from vofem._validate import unknown
 from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.laws import gathered_past
@@ -38,11 +38,8 @@ class StoredState:
     def state_of(self, body_name: str) -> tuple[Array, Array]:
         """Return a body's degrees of freedom and their rates, each (size,)."""
         if body_name not in self.states:
-            names = tuple(self.states)
-            raise ArgumentError(
-                f"no body is named {body_name!r}; there are {list(names)}{nearest(body_name, names)}; as the start of "
-                "a scene give the outcome for the bodies that it holds: initial={body: outcome}"
-            )
+            cure = "; as the start of a scene give the outcome for the bodies that it holds: initial={body: outcome}"
+            raise unknown("body", body_name, self.states, cure)
         return self.states[body_name]
 
     def spring_state(self, name: str) -> Array | None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vofem._validate import name_of, nearest
+from vofem._validate import name_of, unknown, wrong
 from vofem.assembly import Model
 from vofem.bodies.base import Body, Point, Row
 from vofem.bodies.beam import Beam
@@ -25,8 +25,7 @@ def body_named(bodies: Iterable[Body], body: Any, cure: str = "") -> Body:
     known = {candidate.name: candidate for candidate in bodies}
     name = name_of(body)
     if name not in known:
-        names = tuple(known)
-        raise ArgumentError(f"no body is named {name!r}; there are {list(names)}{nearest(name, names)}{cure}")
+        raise unknown("body", name, known, cure)
     return known[name]
 
 
@@ -47,7 +46,7 @@ def the_beam(bodies: Iterable[Body], body: Any) -> Beam:
 def row_of(bodies: Iterable[Body], point: Any) -> tuple[Body, Row]:
     """Return the body of a point and the point's row on it, resolved by the body's name and x."""
     if not isinstance(point, Point):
-        raise ArgumentError(f"expected a point, beam.at(x) or a Mass, found {point!r}")
+        raise wrong("point", repr(point), "beam.at(x) or a Mass")
     body = body_named(bodies, point.body)
     return body, body.resolve(point)
 

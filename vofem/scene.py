@@ -12,10 +12,9 @@ from vofem.assembly import Effect, Model, SystemBuilder
 from vofem.assembly.bases import offsets
 from vofem.bodies.base import Body
 from vofem.cards import Shown
-from vofem.effects.base_motion import BaseMotion
-from vofem.effects.contact import Contact
+from vofem.effects.contact import Contact, RigidStop
 from vofem.effects.friction import Friction
-from vofem.effects.rigid_stop import RigidStop
+from vofem.effects.loads import BaseMotion
 from vofem.errors import ArgumentError, VofemError
 from vofem.initial import Initial, StateSource
 from vofem.locks import Lock
@@ -130,7 +129,7 @@ class Scene(Shown):
             held = any(effect.contact is contact for contact in self.contacts)
             if pressing not in known or not (held or isinstance(effect.contact, str)):
                 raise ArgumentError(
-                    f"Friction {effect.name!r}: the scene has no contact {pressing!r} to press it; it has "
+                    f"Friction {effect.name!r}: contact is {pressing!r}, expected a contact of the scene, which has "
                     f"{', '.join(map(repr, known)) or 'none'}{nearest(pressing, known)}; add the contact to effects"
                 )
 
@@ -202,9 +201,11 @@ class Scene(Shown):
             known_names = (getattr(known, "name", None) for known in self.effects)
             names = tuple(name for name in known_names if isinstance(name, str))
             count = "no effect of the scene" if not found else "there more than once"
+            body = any(effect is body or effect == body.name for body in self.bodies)
+            cure = "build the scene anew with another body" if body else "give one of its effects, or its name"
             raise ArgumentError(
                 f"Scene.replace: {_shown(effect)} is {count}"
-                f"{nearest(effect, names) if isinstance(effect, str) else ''}; give one of its effects, or its name"
+                f"{nearest(effect, names) if isinstance(effect, str) else ''}; {cure}"
             )
         if (other is None) is not bool(changes):
             raise ArgumentError(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import name_of, nearest, whole
+from vofem._validate import name_of, unknown, whole
 from vofem.arrays import Array
 from vofem.assembly import Model
 from vofem.bodies.base import Body
@@ -155,7 +155,7 @@ def contact_indices(what: str, system: System, closed: Sequence[Any]) -> list[in
     for item in wanted:
         name = name_of(item)
         if name not in names:
-            raise ArgumentError(f"{what}: no contact is named {name!r}; there are {names}{nearest(name, tuple(names))}")
+            raise unknown("contact", name, names, what=what)
         indices.append(names.index(name))
     return indices
 

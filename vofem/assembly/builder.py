@@ -172,7 +172,7 @@ class SystemBuilder:
         self._bases.append(base)
 
     def add_law(self, row: Row, law: Any) -> None:
-        """Add a scalar law on a row; its attribute `group` names the class of `vofem.laws` that gathers its kind."""
+        """Add a scalar law on a row: a `Law`, or one that names the class of its group by `group`."""
         self._laws.append((row, law))
 
     def add_contact(self, entry: ContactEntry) -> None:
@@ -243,7 +243,7 @@ class SystemBuilder:
         """Return the loads that travel, one for each degree of freedom of their beams."""
         loads = []
         for body, riders in self._travelling.items():
-            from vofem.bodies.travelling_load import TravellingLoad
+            from vofem.bodies.path import TravellingLoad
 
             name = riders[0][2] if len(riders) == 1 else f"{len(riders)} loads that travel along {body.label}"
             for dof in range(body.size):

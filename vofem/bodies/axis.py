@@ -1,7 +1,8 @@
-"""The axis of a beam: its nodes and elements, how places on it are named and found, and the fields between nodes."""
+"""The axis of a beam: nodes and elements, places on it, fields between nodes, and the supports that hold nodes."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import array, nearest, number, one_of
+from vofem._validate import array, choice, nearest, number, one_of
 from vofem.bodies.base import Array, Body, DegreesOfFreedom, IntArray, Point, Row, Shape
 from vofem.bodies.cubics import hermite
 from vofem.bodies.mesh import LineMesh
@@ -50,7 +51,7 @@ class Axis(Body):
         if isinstance(elements, (int, np.integer)) and not isinstance(elements, bool):
             count = int(elements)
             if not 1 <= count <= _MOST_ELEMENTS:
-                raise ArgumentError(f"{label}: elements is {count}, expected 1 to {_MOST_ELEMENTS}")
+                raise ArgumentError(f"{label}: elements is {count}, expected a whole number from 1 to {_MOST_ELEMENTS}")
             self.origin, self.arc = 0.0, np.arange(count + 1, dtype=float) * (length / count)
             self.arc[-1], self.element_lengths = length, np.full(count, length / count)
             return
@@ -115,7 +116,7 @@ class Axis(Body):
             bad = float(np.ravel(arc)[int(np.argmax(np.ravel((arc < -slack) | (arc > self.length + slack))))])
             raise ArgumentError(
                 f"{what} is {self.origin + bad:g} m, expected a point on {self.label}, "
-                f"from {self.origin:g} to {self.origin + self.length:g} m"
+                f"from {self.origin:g} to {self.origin + self.length:g} m; lengths are in m"
             )
         arc = np.clip(arc, 0.0, self.arc[-1])
         element = np.clip(np.searchsorted(self.arc, arc, side="right") - 1, 0, self.element_lengths.size - 1)
@@ -207,3 +208,41 @@ class Axis(Body):
         columns, weights = self._cubics([x], derivative)
         keep: NDArray[np.bool_] = weights[0] != 0.0
         return Row(columns[0][keep], weights[0][keep])
+
+
+#: Degrees of freedom (0: displacement, 1: slope) that a support holds at its node.
+SUPPORTS: dict[str, tuple[int, ...]] = {"clamped": (0, 1), "pinned": (0,), "guided": (1,)}
+
+
+class ByNode(dict[int, str]):
+    """The kind of support of every supported node, counted from the left."""
+
+
+def supported_nodes(axis: Axis, supports: Mapping[Any, str] | None) -> ByNode:
+    """Return the kind of support of every supported node, from kinds by place.
+
+    What is known by node already stays, because the x of a node may differ from the node in its last bit.
+
+    Raises `ArgumentError` if a place or a kind is unknown, or one node is given two kinds.
+    """
+    label = axis.label
+    if isinstance(supports, ByNode):
+        return ByNode(supports)
+    if supports is not None and not isinstance(supports, Mapping):
+        raise ArgumentError(f"{label}: supports is {supports!r}, expected a dict such as {{'left': 'clamped'}}")
+    held = ByNode()
+    for where, given in (supports or {}).items():
+        kind = choice(f"{label}: support at {where!r}", given, tuple(SUPPORTS))
+        for node in axis.nodes_at(f"{label}: the place of a support", where).tolist():
+            if held.setdefault(node, kind) != kind:
+                raise ArgumentError(
+                    f"{label}: the support at {where!r} is {kind!r}, but that node (x = {axis.nodes[node]:g} m) "
+                    f"is {held[node]!r} under another name; keep one ('clamped' is pinned and guided)"
+                )
+    return held
+
+
+def supported_dofs(supports: Mapping[int, str]) -> IntArray:
+    """Return the degrees of freedom, in order, that are held at zero."""
+    held = [2 * node + dof for node, kind in supports.items() for dof in SUPPORTS[kind]]
+    return np.unique(np.array(held, dtype=np.int64))

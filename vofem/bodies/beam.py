@@ -11,15 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem.bodies.axis import Axis
+from vofem.bodies.axis import SUPPORTS, Axis, supported_nodes
 from vofem.bodies.base import Array, BodyMatrices, IntArray
 from vofem.bodies.beam_matrices import beam_matrices, beam_strains, consistent_load
-from vofem.bodies.coefficient import Coefficient, basis_for, positive_coefficient
-from vofem.bodies.initial_field import project
+from vofem.bodies.coefficient import Coefficient, basis_for, positive_coefficient, project
 from vofem.bodies.kinds import Elements, Section, Supports
 from vofem.bodies.mesh import LineMesh
 from vofem.bodies.path import Path, TravellingPoint
-from vofem.bodies.supports import SUPPORTS, supported_nodes
 from vofem.errors import ArgumentError
 from vofem.parameters import CHOSEN, Name, Real, content_of, declared, rule
 from vofem.sharing import recent
@@ -147,7 +145,7 @@ class Beam(Axis):
         ArgumentError
             If coefficients or supports do not suit the mesh.
         """
-        from vofem.bodies.mesh_file import read_mesh
+        from vofem.bodies.mesh import read_mesh
 
         mesh = replace(read_mesh(path), file=os.path.abspath(path))
         return cls(mesh.length, EI, rhoA, mesh, supports or {}, tension, name)  # type: ignore[arg-type]

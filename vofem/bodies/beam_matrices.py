@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vofem.bodies.axis import Axis
+from vofem.bodies.axis import Axis, supported_dofs
 from vofem.bodies.base import Array, BodyMatrices
 from vofem.bodies.coefficient import VARIABLE_ORDER, Coefficient, basis_for
-from vofem.bodies.cubics import hermite
-from vofem.bodies.supports import supported_dofs
+from vofem.bodies.cubics import hermite, rows_on_elements
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -54,8 +53,6 @@ def beam_strains(axis: Axis, EI: Coefficient, tension: float) -> csr_matrix:
     and its deviation from a parabola, both free of the cancellation in K;
     tension, not negative, adds slopes at three Gauss points.
     """
-    from scipy.sparse import csr_matrix
-
     h = axis.element_lengths
     if callable(EI.value):
         nodes, weights = np.polynomial.legendre.leggauss(VARIABLE_ORDER // 2 + 1)
@@ -77,9 +74,7 @@ def beam_strains(axis: Axis, EI: Coefficient, tension: float) -> csr_matrix:
         root = np.sqrt(tension * 0.5 * weights * h[:, None])
         slopes = np.stack([root * hermite(i, xi, h[:, None], 1) for i in range(4)], axis=-1)
         entries = np.concatenate([entries, slopes], axis=1)
-    rows = entries.shape[0] * entries.shape[1]
-    columns = np.repeat(2 * np.arange(h.size), entries.shape[1])[:, None] + np.arange(4)
-    return csr_matrix((entries.ravel(), columns.ravel(), 4 * np.arange(rows + 1)), shape=(rows, axis.size))
+    return rows_on_elements(entries)
 
 
 def consistent_load(load: Coefficient) -> Array:

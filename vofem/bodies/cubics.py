@@ -8,10 +8,15 @@ short element or far from the origin.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from vofem.arrays import Array
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
 
 _SHAPES = {
     0: (
@@ -56,3 +61,16 @@ def hermite(i: int, xi: ArrayLike, h: ArrayLike, derivative: int = 0) -> Array:
     if power == 0:
         return values * np.ones_like(h)
     return values * h if power == 1 else values / h ** (-power)
+
+
+def rows_on_elements(entries: Array) -> csr_matrix:
+    """Return rows over the degrees of freedom of a beam, shape (n_elements k, 2 n_elements + 2).
+
+    `entries` (shape (n_elements, k, 4)): those of the cubics in k rows of every element.
+    """
+    from scipy.sparse import csr_matrix
+
+    count, each = entries.shape[:2]
+    columns = np.repeat(2 * np.arange(count), each)[:, None] + np.arange(4)
+    ends = 4 * np.arange(count * each + 1)
+    return csr_matrix((entries.ravel(), columns.ravel(), ends), shape=(count * each, 2 * count + 2))

@@ -6,12 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from vofem._validate import one_of
 from vofem.parameters import Choice, Count, Kind, Name, Numbers, OneOf, Real, Unwritable
-from vofem.parameters.kinds import ANY_NUMBER
-from vofem.parameters.nested import read_number_or, write_number_or
+from vofem.parameters.kinds import ANY_NUMBER, Either
 from vofem.parameters.place import INVALID, Book, Invalid, Place
 from vofem.polynomial import Polynomial
 
@@ -19,7 +16,7 @@ POLYNOMIAL = OneOf(classes={"polynomial": Polynomial}, expected="{ polynomial = 
 
 
 @dataclass(frozen=True)
-class Along(Kind):
+class Along(Either):
     """A quantity along a beam: a number, or a callable of x. Scene files hold numbers and polynomials."""
 
     unit: str = ""
@@ -42,21 +39,13 @@ class Along(Kind):
         """Return the callable or the number."""
         return value if callable(value) else self.limits.check(what, value)
 
-    def read(self, value: Any, place: Place) -> Any:
-        """Return the number or the polynomial."""
-        return read_number_or(self.limits, POLYNOMIAL, self.expected, value, place)
-
-    def write(self, value: Any, book: Book) -> Any:
-        """Return the number or the table of the polynomial."""
-        return write_number_or(self.limits, POLYNOMIAL, value, book)
-
-    def described(self) -> dict[str, Any]:
+    def forms(self) -> tuple[Kind | None, Kind | None, Kind | None]:
         """Return both."""
-        return {"anyOf": [self.limits.described(), POLYNOMIAL.described()], **super().described()}
+        return self.limits, None, POLYNOMIAL
 
 
 @dataclass(frozen=True)
-class Section(Kind):
+class Section(Either):
     """EI or rhoA: a number, one per element, a callable of x, or numbers by subdomain of a mesh; positive.
 
     The beam checks it, because its elements must be known.
@@ -73,39 +62,35 @@ class Section(Kind):
         """What it means, and its unit."""
         return Real(self.unit, self.text, above=0.0).meaning
 
+    def forms(self) -> tuple[Kind | None, Kind | None, Kind | None]:
+        """Return what is no table by subdomain."""
+        return Real(above=0.0), Numbers(each=Real(above=0.0)), POLYNOMIAL
+
     def read(self, value: Any, place: Place) -> Any:
         """Return what `Beam` takes."""
-        number = Real(above=0.0)
-        if isinstance(value, list):
-            return Numbers(each=number).read(value, place)
-        if not isinstance(value, dict):
-            read = place.expected(self.expected, value) if isinstance(value, (str, bool)) else None
-            return read_number_or(number, POLYNOMIAL, self.expected, value, place) if read is None else read
-        if any(isinstance(part, (list, dict)) for part in value.values()) or not value:
-            return POLYNOMIAL.read(value, place)
-        parts = {name: number.read(part, place.key(name)) for name, part in value.items()}
+        table = isinstance(value, dict) and value and not any(isinstance(one, (list, dict)) for one in value.values())
+        if not table:
+            return super().read(value, place)
+        parts = {name: Real(above=0.0).read(part, place.key(name)) for name, part in value.items()}
         return INVALID if any(isinstance(part, Invalid) for part in parts.values()) else parts
 
     def write(self, value: Any, book: Book) -> Any:
         """Return a number, an array, or a table."""
         if isinstance(value, Mapping):
             return {Name().write(name, book): float(part) for name, part in value.items()}
-        if isinstance(value, (list, np.ndarray)) and np.ndim(value) == 1:
-            return Numbers().write(value, book)
         if callable(value) and not isinstance(value, Polynomial):
             raise Unwritable(f"{value!r} is a callable, which a scene file cannot hold; use vofem.Polynomial")
-        return write_number_or(Real(), POLYNOMIAL, value, book)
+        return super().write(value, book)
 
     def described(self) -> dict[str, Any]:
         """Return all forms."""
-        number = Real(above=0.0).described()
-        forms = [number, Numbers(each=Real(above=0.0)).described(), POLYNOMIAL.described(),
-                 {"type": "object", "additionalProperties": number}]  # fmt: skip
-        return {"anyOf": forms, **super().described()}
+        known = super().described()
+        by_subdomain = {"type": "object", "additionalProperties": Real(above=0.0).described()}
+        return {**known, "anyOf": [*known["anyOf"], by_subdomain]}
 
 
 @dataclass(frozen=True)
-class Elements(Kind):
+class Elements(Either):
     """The number of equal elements, the x of all nodes, or a mesh."""
 
     text: str = ""
@@ -113,21 +98,13 @@ class Elements(Kind):
     shown = "int or array_like"
     expected = "a whole number or an array of the x of all nodes"
 
+    def forms(self) -> tuple[Kind | None, Kind | None, Kind | None]:
+        """Return both."""
+        return Count(), Numbers(), None
+
     def read(self, value: Any, place: Place) -> Any:
         """Return an int or an array."""
-        if isinstance(value, list):
-            return Numbers().read(value, place)
-        if isinstance(value, bool) or not isinstance(value, int):
-            return place.expected(self.expected, value)
-        return Count().read(value, place)
-
-    def write(self, value: Any, book: Book) -> Any:
-        """Return an int or a list of floats."""
-        return int(value) if np.ndim(value) == 0 else Numbers().write(value, book)
-
-    def described(self) -> dict[str, Any]:
-        """Return both."""
-        return {"anyOf": [Count().described(), Numbers().described()], **super().described()}
+        return place.expected(self.expected, value) if isinstance(value, float) else super().read(value, place)
 
 
 @dataclass(frozen=True)

@@ -2,28 +2,28 @@
 
 from vofem._validate import public
 from vofem.effects.attachments import Dashpot as Dashpot
+from vofem.effects.attachments import Joint as Joint
+from vofem.effects.attachments import ModalDamping as ModalDamping
 from vofem.effects.attachments import PointMass as PointMass
+from vofem.effects.attachments import RayleighDamping as RayleighDamping
 from vofem.effects.attachments import RotationalSpring as RotationalSpring
 from vofem.effects.attachments import Spring as Spring
-from vofem.effects.base_motion import BaseMotion as BaseMotion
 from vofem.effects.contact import Contact as Contact
 from vofem.effects.contact import Resolved as Resolved
-from vofem.effects.damping import ModalDamping as ModalDamping
-from vofem.effects.damping import RayleighDamping as RayleighDamping
+from vofem.effects.contact import RigidStop as RigidStop
 from vofem.effects.foundation import Foundation as Foundation
 from vofem.effects.friction import Friction as Friction
+from vofem.effects.hysteretic_spring import BilinearSpring as BilinearSpring
 from vofem.effects.hysteretic_spring import CrushingStop as CrushingStop
 from vofem.effects.hysteretic_spring import HystereticSpring as HystereticSpring
-from vofem.effects.jenkins import BilinearSpring as BilinearSpring
-from vofem.effects.jenkins import IwanSpring as IwanSpring
-from vofem.effects.joint import Joint as Joint
+from vofem.effects.hysteretic_spring import IwanSpring as IwanSpring
+from vofem.effects.hysteretic_spring import LinearSoftening as LinearSoftening
+from vofem.effects.loads import BaseMotion as BaseMotion
 from vofem.effects.loads import DistributedLoad as DistributedLoad
 from vofem.effects.loads import Gravity as Gravity
 from vofem.effects.loads import PointLoad as PointLoad
 from vofem.effects.loads import PointMoment as PointMoment
 from vofem.effects.nonlinear_spring import NonlinearSpring as NonlinearSpring
-from vofem.effects.rigid_stop import RigidStop as RigidStop
-from vofem.effects.softening import LinearSoftening as LinearSoftening
 from vofem.effects.springpot import Springpot as Springpot
 from vofem.time_functions import Constant as Constant
 from vofem.time_functions import Pulse as Pulse

@@ -1,17 +1,20 @@
-"""Linear attachments: springs, rotational springs, dashpots and point masses. Each adds a rank-one term to a matrix."""
+"""What changes matrices: springs, dashpots and point masses, each a rank-one term; damping of all; and joints."""
 
 from __future__ import annotations
 
 from dataclasses import KW_ONLY
-from typing import Annotated
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point
 from vofem.bodies.path import TravellingPoint
-from vofem.effects.kinds import Acting, AtPoint, Called, TravellingEnd
+from vofem.effects.kinds import Acting, AtPoint, Called, End, Named, TravellingEnd
 from vofem.effects.two_points import TwoPoints, refuse_equal
 from vofem.errors import ArgumentError
-from vofem.parameters import Real, declared, label_of, rule
+from vofem.parameters import CHOSEN, Choice, Real, RealOrArray, declared, label_of, rule
 
 
 @declared()
@@ -21,7 +24,7 @@ class Spring(TwoPoints):
     a: TravellingEnd
     _: KW_ONLY
     stiffness: Annotated[float, Real("N/m, or N m/rad where it acts on rotations", "Stiffness.", least=0)]
-    name: Called = None
+    name: Called = None  # type: ignore[assignment]
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add ``k b b'`` to K."""
@@ -45,7 +48,7 @@ class Dashpot(TwoPoints):
     a: TravellingEnd
     _: KW_ONLY
     damping: Annotated[float, Real("N s/m, or N m s/rad where it acts on rotations", "Damping constant.", least=0)]
-    name: Called = None
+    name: Called = None  # type: ignore[assignment]
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add ``c b b'`` to C."""
@@ -67,6 +70,9 @@ class RotationalSpring(Acting):
     It is a `Spring` with ``of="rotation"``.
     """
 
+    symbol = "spring"
+    of: ClassVar = "rotation"
+
     point: Annotated[Point, AtPoint("Point of a beam, ``beam.at(x)``.")]
     other: Annotated[
         Point | None,
@@ -74,7 +80,6 @@ class RotationalSpring(Acting):
     ] = None
     _: KW_ONLY
     stiffness: Annotated[float, Real("N m/rad", "Stiffness.", least=0)]
-    name: Called = None
 
     @rule("other", "point")
     def _points_differ(self) -> None:
@@ -103,11 +108,12 @@ class PointMass(Acting):
     not on the beam.
     """
 
+    symbol = "mass"
+
     point: TravellingEnd
     _: KW_ONLY
     mass: Annotated[float, Real("kg", "Mass.", least=0)]
     inertia: Annotated[float, Real("kg m^2", "Rotary inertia. Only points of beams can have one.", least=0)] = 0.0
-    name: Called = None
 
     @rule("inertia", "point")
     def _point_rotates(self) -> None:
@@ -129,3 +135,110 @@ class PointMass(Acting):
         """Return point and mass."""
         inertia = f", {self.inertia:g} kg m^2" if self.inertia else ""
         return f"PointMass on {self.point.describe()}: {self.mass:g} kg{inertia}"
+
+
+@declared()
+class Joint(Acting):
+    """Ties a point of one body to a point of another one.
+
+    The tie is a condition on the degrees of freedom, not a stiff spring: one
+    unknown is eliminated for each condition. The points may lie anywhere on
+    the bodies, also between nodes. `Result.joint_force` returns the force that a
+    joint transmits.
+
+    Raises
+    ------
+    ArgumentError
+        If the points lie on one body, or if one has no rotation and the joint
+        is rigid. When the scene is compiled: if supports and other joints tie
+        the points already.
+    """
+
+    a: End
+    b: Annotated[Point, AtPoint("A point of another body. A mass can be hinged to a beam.")]
+    _: KW_ONLY
+    kind: Annotated[
+        Literal["rigid", "hinge"],
+        Choice(
+            ("rigid", "hinge"),
+            "A hinge makes displacements equal. A rigid joint makes displacements and rotations equal, so that two "
+            "beams joined at their ends behave as one beam.",
+        ),
+    ]
+    name: Named = CHOSEN
+
+    @rule("b", "a")
+    def _two_bodies(self) -> None:
+        if self.a.body is self.b.body:
+            raise ArgumentError(
+                f"{label_of(self)}: b is {self.b.describe()}, expected a point of another body than "
+                f"{self.a.body.label}; a point of one body is held by a support or a Spring"
+            )
+
+    @rule("kind", "a", "b")
+    def _rotations(self) -> None:
+        if self.kind == "rigid":
+            self.a.slope_row()
+            self.b.slope_row()
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add the condition of equal displacements, and of equal rotations where the joint is rigid."""
+        rows = [builder.difference(self.a, self.b)]
+        if self.kind == "rigid":
+            rows.append(builder.difference(self.a, self.b, slope=True))
+        builder.add_joint(self.name, rows)
+
+    def describe(self) -> str:
+        """Return name, kind and points."""
+        return f"Joint {self.name!r} of {self.a.describe()} and {self.b.describe()}: {self.kind}"
+
+
+@declared()
+class RayleighDamping(Acting):
+    """Rayleigh damping ``C = alpha M + beta K``. M and K include linear attachments, and no contacts."""
+
+    alpha: Annotated[float, Real("1/s", "Factor of the mass matrix.", least=0)]
+    beta: Annotated[float, Real("s", "Factor of the stiffness matrix.", least=0)] = 0.0
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add to C."""
+        builder.add_rayleigh(self.alpha, self.beta)
+
+    def describe(self) -> str:
+        """Return alpha and beta."""
+        return f"RayleighDamping: alpha = {self.alpha:g} 1/s, beta = {self.beta:g} s"
+
+
+@declared()
+class ModalDamping(Acting):
+    """Ratios of critical damping in the vibration modes of the structure with all contacts open.
+
+    Raises
+    ------
+    ArgumentError
+        For a ratio that is negative or not finite, or an empty list.
+    """
+
+    ratio: Annotated[
+        float | NDArray[np.float64],
+        RealOrArray(
+            Real(least=0),
+            "Damping ratio, not negative; 1 is critical damping. A number holds for every vibration mode. A list gives "
+            "one ratio for each mode in ascending order of frequency. Modes beyond the end of the list take its last "
+            "ratio. Rigid motions are not counted and stay undamped. Modes of equal frequency should have equal "
+            "ratios, because their order is arbitrary.",
+        ),
+    ]
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Declare the ratio."""
+        builder.add_modal_damping(self.ratio)
+
+    def describe(self) -> str:
+        """Return the ratio or ratios."""
+        if np.ndim(self.ratio) == 0:
+            return f"ModalDamping: {self.ratio:g} of critical"
+        ratios = np.atleast_1d(self.ratio)
+        first = ", ".join(f"{ratio:g}" for ratio in ratios[:5])
+        rest = f" and {ratios.size - 5} more" if ratios.size > 5 else ""
+        return f"ModalDamping: {first}{rest} of critical in modes 1 to {ratios.size}, {ratios[-1]:g} above"

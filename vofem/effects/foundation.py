@@ -13,7 +13,7 @@ from vofem.assembly import ContactEntry, SystemBuilder
 from vofem.bodies.base import Row
 from vofem.bodies.beam import Beam
 from vofem.bodies.coefficient import evaluate_along
-from vofem.bodies.cubics import hermite
+from vofem.bodies.cubics import hermite, rows_on_elements
 from vofem.bodies.kinds import Along
 from vofem.effects.kinds import Acting, OnBody
 from vofem.errors import ArgumentError
@@ -92,16 +92,11 @@ class Foundation(Acting):
 
     def _strains(self) -> csr_matrix:
         """Return rows D with the foundation's stiffness ``D'D``, at the Gauss points of every element."""
-        from scipy.sparse import csr_matrix
-
         h = self.beam.element_lengths
         xi = 0.5 * (1.0 + _NODES)
         x = self.beam.nodes[:-1, None] + xi * h[:, None]
         root = np.sqrt(self.along(x) * 0.5 * _WEIGHTS * h[:, None])
-        entries = np.stack([root * hermite(i, xi, h[:, None]) for i in range(4)], axis=-1)
-        rows = h.size * xi.size
-        columns = np.repeat(2 * np.arange(h.size), xi.size)[:, None] + np.arange(4)
-        return csr_matrix((entries.ravel(), columns.ravel(), 4 * np.arange(rows + 1)), shape=(rows, self.beam.size))
+        return rows_on_elements(np.stack([root * hermite(i, xi, h[:, None]) for i in range(4)], axis=-1))
 
     def describe(self) -> str:
         """Return beam, stiffness and kind."""

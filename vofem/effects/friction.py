@@ -3,33 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 
 from vofem._validate import wrong
 from vofem.assembly import SystemBuilder
 from vofem.effects.contact import Contact
-from vofem.effects.kinds import Named
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
 from vofem.laws.friction import FrictionLaw
-from vofem.parameters import CHOSEN, Kind, Name, Real, declared, label_of, rule
-from vofem.parameters.place import Book, Place
+from vofem.parameters import Name, Real, declared, label_of, rule
+from vofem.parameters.place import Book
 from vofem.time_functions.base import Constant, OfTime, TimeFunction
-
-_NAME = Name()
 
 
 @dataclass(frozen=True)
-class OfContact(Kind):
+class OfContact(Name):
     """A contact, or its name; in scene files its name."""
-
-    text: str = ""
 
     shown = "Contact or str"
     expected = "a Contact, or the name of one"
-    schema: ClassVar = {"type": "string"}
 
     def check(self, what: str, value: Any) -> Contact | str:
         """Return the contact or the name."""
@@ -39,13 +33,9 @@ class OfContact(Kind):
             raise ArgumentError(f"{what} is {value!r}, expected {self.expected}")
         return value
 
-    def read(self, value: Any, place: Place) -> Any:
-        """Return the name."""
-        return _NAME.read(value, place)
-
     def write(self, value: Any, book: Book) -> str:
         """Return the name."""
-        return _NAME.write(value.name if isinstance(value, Contact) else value, book)
+        return super().write(value.name if isinstance(value, Contact) else value, book)
 
 
 @declared()
@@ -95,7 +85,6 @@ class Friction(TwoPoints):
     belt: Annotated[
         TimeFunction | float | None, OfTime("m/s", "Speed of the belt on which a lies. Without it there is no belt.")
     ] = None
-    name: Named = CHOSEN
 
     @rule("normal", "contact")
     def _pressed_once(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
 from vofem._validate import nearest
@@ -12,7 +12,7 @@ from vofem.bodies.beam import Beam
 from vofem.bodies.path import Path, TravellingPoint
 from vofem.errors import ArgumentError
 from vofem.parameters import Choice, Kind, Label, Name, Real, declarations
-from vofem.parameters.declared import read, write_inside
+from vofem.parameters.declared import declared, read, write_inside
 from vofem.parameters.place import INVALID, Book, Invalid, Place
 
 _NAME = Name()
@@ -165,21 +165,6 @@ class AtPoint(Kind):
         return {"$ref": f"#/$defs/{'travelling_point' if self.travels else 'point'}", **super().described()}
 
 
-class Acting:
-    """An effect whose parameters tell the points that it touches."""
-
-    def points(self) -> tuple[Point, ...]:
-        """Return the points among its parameters, and one of each body; none where it acts on the whole system."""
-        found: list[Any] = []
-        for name, one in declarations(type(self)).items():
-            if isinstance(one.kind, AtPoint):
-                found.append(getattr(self, name))
-            elif isinstance(one.kind, OnBody):
-                body = getattr(self, name)
-                found.append(body if isinstance(body, Point) else body.at("left"))
-        return tuple(point for point in found if point is not None)
-
-
 #: A point that may travel.
 TravellingEnd = Annotated[Point, AtPoint("``beam.at(x)``, a `Mass`, or ``beam.along(path)``.", travels=True)]
 
@@ -201,3 +186,24 @@ Named = Annotated[str, Name()]
 
 #: The name of an effect that needs none.
 Called = Annotated[str | None, Label()]
+
+
+@declared()
+class Acting:
+    """An effect whose parameters tell the points that it touches."""
+
+    #: How pictures show it: a "force", "moment" or "weight", a "line" of forces, a "spring", "damper" or "mass".
+    symbol: ClassVar[str] = ""
+
+    name: Called = field(default=None, kw_only=True)
+
+    def points(self) -> tuple[Point, ...]:
+        """Return the points among its parameters, and one of each body; none where it acts on the whole system."""
+        found: list[Any] = []
+        for name, one in declarations(type(self)).items():
+            if isinstance(one.kind, AtPoint):
+                found.append(getattr(self, name))
+            elif isinstance(one.kind, OnBody):
+                body = getattr(self, name)
+                found.append(body if isinstance(body, Point) else body.at("left"))
+        return tuple(point for point in found if point is not None)

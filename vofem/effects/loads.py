@@ -1,4 +1,4 @@
-"""Loads: at points, along beams, and gravity."""
+"""Loads: at points, along beams, gravity, and the motion of the base that a body stands on."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.assembly import SystemBuilder
-from vofem.bodies.base import Point
+from vofem.assembly import Base, SystemBuilder
+from vofem.bodies.base import Body, Point
 from vofem.bodies.beam import Beam
 from vofem.bodies.coefficient import evaluate_along
 from vofem.bodies.kinds import Along
 from vofem.bodies.path import TravellingPoint
-from vofem.effects.kinds import Acting, AtPoint, Called, OnBody, TravellingEnd
+from vofem.effects.kinds import Acting, AtPoint, OnBody, TravellingEnd
 from vofem.errors import ArgumentError
 from vofem.parameters import Real, declared, rule
 from vofem.time_functions import Constant, Load, OfTime, TimeFunction, as_time_function
@@ -25,10 +25,10 @@ from vofem.time_functions import Constant, Load, OfTime, TimeFunction, as_time_f
 class PointLoad(Acting):
     """A force at a point, positive upward. The point may travel (``beam.along(path)``); a train is a list of loads."""
 
+    symbol = "force"
+
     point: TravellingEnd
     f: Annotated[Load, OfTime("N", "The force.")]
-    _: KW_ONLY
-    name: Called = None
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the load."""
@@ -46,10 +46,10 @@ class PointLoad(Acting):
 class PointMoment(Acting):
     """A moment at a point of a beam. A positive moment does positive work when the slope grows."""
 
+    symbol = "moment"
+
     point: Annotated[Point, AtPoint("Point of a beam, ``beam.at(x)``.")]
     f: Annotated[Load, OfTime("N m", "The moment.")]
-    _: KW_ONLY
-    name: Called = None
 
     @rule("point")
     def _point_rotates(self) -> None:
@@ -81,11 +81,11 @@ class LoadAlong(Along):
 class DistributedLoad(Acting):
     """A force per length on a beam, ``p(x) f(t)``, positive upward."""
 
+    symbol = "line"
+
     beam: Annotated[Beam, OnBody("The beam on which the load acts.", beam=True)]
     p: Annotated[float | Callable[[Any], Any], LoadAlong("N/m", "The load along the beam.")]
     f: Annotated[Load, OfTime("", "A factor over time, without unit.")] = 1.0
-    _: KW_ONLY
-    name: Called = None
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the consistent load vector."""
@@ -112,9 +112,9 @@ class Gravity(Acting):
     starts it in equilibrium.
     """
 
+    symbol = "weight"
+
     g: Annotated[float, Real("m/s^2", "Acceleration, positive downward.")] = 9.81
-    _: KW_ONLY
-    name: Called = None
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add a constant load in proportion to mass."""
@@ -123,3 +123,42 @@ class Gravity(Acting):
     def describe(self) -> str:
         """Return g and its direction."""
         return f"Gravity: {abs(self.g):g} m/s^2 {'upward' if self.g < 0.0 else 'downward'}"
+
+
+@declared()
+class BaseMotion(Acting):
+    """A body whose base accelerates: its supports, its springs to ground and the stops beside it.
+
+    Displacements of the body are then counted from the base. The motion acts
+    as a load ``-M r a(t)``, where r is the unit translation. A spring or a joint
+    between two bodies is refused unless both stand on bases with the same
+    acceleration. A contact between them needs the displacements of both bases,
+    and so does a stop that stays in space (``Contact(..., frame="space")``).
+    """
+
+    body: Annotated[Body, OnBody("The body that stands on the base.")]
+    acceleration: Annotated[Load, OfTime("m/s^2", "Acceleration of the base, positive upward.")]
+    _: KW_ONLY
+    displacement: Annotated[
+        float | None,
+        Real("m", "Displacement of the base at t = 0, positive upward. What sees the base's place needs it."),
+    ] = None
+    velocity: Annotated[
+        float | None,
+        Real("m/s", "Velocity of the base at t = 0, positive upward. What sees the base's place needs it."),
+    ] = None
+
+    @property
+    def base(self) -> Base:
+        """The motion as contacts see it."""
+        function = as_time_function(self.acceleration)
+        return Base(self.body, function, self.displacement, self.velocity, self.describe())
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add the load."""
+        builder.add_acceleration(-1.0, as_time_function(self.acceleration), self.describe(), self.body)
+        builder.add_base(self.base)
+
+    def describe(self) -> str:
+        """Return body and acceleration."""
+        return f"BaseMotion of {self.body.label}: {self.acceleration!r} m/s^2"

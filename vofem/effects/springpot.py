@@ -9,21 +9,20 @@ import numpy as np
 
 from vofem._validate import number, wrong
 from vofem.assembly import SystemBuilder
-from vofem.effects.kinds import Named
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
 from vofem.fractional.laws import ConstantOrder, OrderLaw, TabulatedOrder
 from vofem.laws import SpringpotLaw
-from vofem.parameters import CHOSEN, Kind, OneOf, Real, declared
-from vofem.parameters.nested import read_number_or, write_number_or
-from vofem.parameters.place import Book, Invalid, Place
+from vofem.parameters import Kind, OneOf, Real, declared
+from vofem.parameters.kinds import Either
+from vofem.parameters.place import Invalid, Place
 from vofem.time_functions import Constant
 
 _TABLE = OneOf(classes={"tabulated": TabulatedOrder}, expected="{ tabulated = { x = [t0, t1, ...], orders = [...] } }")
 
 
 @dataclass(frozen=True)
-class Order(Kind):
+class Order(Either):
     """The order of a springpot: a number, or a function of time."""
 
     text: str = (
@@ -50,18 +49,14 @@ class Order(Kind):
             raise wrong(what, f"{order:g}", "a number above 0 and up to 1", cure)
         return order
 
+    def forms(self) -> tuple[Kind | None, Kind | None, Kind | None]:
+        """Return both."""
+        return Real(above=0.0), None, _TABLE
+
     def read(self, value: Any, place: Place) -> Any:
         """Return the number, or the law of a table."""
-        found = read_number_or(Real(), _TABLE, self.expected, value, place)
-        return found if isinstance(value, dict) or isinstance(found, Invalid) else super().read(found, place)
-
-    def write(self, value: Any, book: Book) -> Any:
-        """Return the number or the table."""
-        return write_number_or(Real(), _TABLE, value, book)
-
-    def described(self) -> dict[str, Any]:
-        """Return both."""
-        return {"anyOf": [Real(above=0.0).described(), _TABLE.described()], **super().described()}
+        found = super().read(value, place)
+        return found if isinstance(value, dict) or isinstance(found, Invalid) else Kind.read(self, found, place)
 
 
 @declared()
@@ -90,7 +85,6 @@ class Springpot(TwoPoints):
     _: KW_ONLY
     coefficient: Annotated[float, Real("N s^order/m", "Coefficient of the law.", least=0)]
     order: Annotated[float | OrderLaw, Order()]
-    name: Named = CHOSEN
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add row and law."""

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
+from vofem._validate import missing, one_of
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point, Row
 from vofem.bodies.path import TravellingPoint
-from vofem.effects.kinds import AtPoint, End, Of, OtherEnd
+from vofem.effects.kinds import AtPoint, End, Named, Of, OtherEnd
 from vofem.errors import ArgumentError
-from vofem.parameters import declarations, declared, label_of, rule
+from vofem.parameters import CHOSEN, Choice, declarations, declared, label_of, rule
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ class TwoPoints:
     a: End
     b: OtherEnd = None
     of: Of = field(default="displacement", kw_only=True)
+    name: Named = field(default=CHOSEN, kw_only=True)
 
     @rule("b", "a")
     def _ends_differ(self) -> None:
@@ -98,3 +100,42 @@ def units_of(effects: Iterable[Any], name: str) -> Units:
         (UNITS[effect.of] for effect in effects if getattr(effect, "name", None) == name and hasattr(effect, "of")),
         UNITS["displacement"],
     )
+
+
+_SIDES = ("below", "above")
+
+#: The side on which a stop stands.
+Side = Annotated[
+    Literal["below", "above"] | None,
+    Choice(
+        _SIDES,
+        "The side on which a fixed stop stands. A stop below closes when ``eta < -gap``, and a stop above closes when "
+        "``eta > gap``.",
+    ),
+]
+
+
+class Stop(TwoPoints):
+    """A stop behind a gap; each class of stops declares gap and side among its own parameters."""
+
+    symbol = "stop"
+
+    gap: float
+    side: Side
+
+    @rule("side", "b")
+    def _side_of_a_stop(self) -> None:
+        if self.b is None and self.side is None:
+            raise missing(f"{label_of(self)}: side", f"{one_of(_SIDES)} for a stop")
+        if self.b is not None and self.side is not None:
+            raise ArgumentError(
+                f"{label_of(self)}: side is {self.side!r}, but a contact between two points has none; remove it"
+            )
+
+    def _place(self) -> str:
+        """Return place and gap for `describe`."""
+        where = f"{self.side} {self.a.describe()}"
+        if self.b is not None:
+            where = f"of {self.a.describe()} below {self.b.describe()}"
+        rotation = " in rotation" if self.of == "rotation" else ""
+        return f"{where}{rotation}: gap {self.gap:g} {self.units.coordinate}"

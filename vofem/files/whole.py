@@ -1,13 +1,17 @@
-"""Writing a file whole or not at all."""
+"""Writing a file whole or not at all, and what the functions that write one share."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import functools
+import inspect
 import os
+import re
 import secrets
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any, ParamSpec
 
 from vofem._validate import one_of
 from vofem.errors import ArgumentError, OutputError
@@ -34,6 +38,54 @@ def target(path: str | os.PathLike[str], suffixes: tuple[str, ...]) -> Path:
     if result.suffix.lower() not in suffixes:
         raise ArgumentError(f"path is {str(path)!r}, expected a name that ends in {one_of(suffixes)}")
     return result
+
+
+P = ParamSpec("P")
+
+
+def writer(*suffixes: str) -> Callable[[Callable[P, None]], Callable[P, Path]]:
+    """Make a function of one that writes a file, whole or not at all.
+
+    The function has a parameter `path`. In its place it gets a hidden name of the same suffix and folder. Whatever
+    keeps the file from being written is told before the work begins. The path of the user is returned, and the
+    docstring gets what all writers share.
+
+    `suffixes`: how names may end.
+    """
+
+    def make(write: Callable[P, None]) -> Callable[P, Path]:
+        signature = inspect.signature(write)
+
+        @functools.wraps(write)
+        def written(*given: P.args, **named: P.kwargs) -> Path:
+            bound = signature.bind(*given, **named)
+            goal = target(bound.arguments["path"], suffixes)
+            with replacing(goal) as temporary:
+                bound.arguments["path"] = temporary
+                write(*bound.args, **bound.kwargs)
+            return goal
+
+        ends = " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
+        written.__doc__ = documented(write, {"path": f"path of a {ends}"}, "Path\n    `path`.")
+        return written
+
+    return make
+
+
+def documented(function: Callable[..., Any], shared: dict[str, str], returns: str) -> str:
+    """Return the docstring of a writer, completed by parameters that it does not name, its outcome and its error.
+
+    `shared`: what stands behind the names of parameters that several functions have.
+    """
+    text = inspect.cleandoc(function.__doc__ or "")
+    parts = re.split(r"^((?:Raises|Notes|References)\n-+\n)", text + "\n", maxsplit=1, flags=re.MULTILINE)
+    head, rest = parts[0].rstrip() + "\n", "".join(parts[1:])
+    names = [name for name in inspect.signature(function).parameters if f"\n{name} : " not in head]
+    head += "".join(f"{name} : {shared[name]}\n" for name in names if name in shared)
+    raises = "" if rest.startswith("Raises") else "Raises\n------\n"
+    errors, notes, more = (raises + rest).partition("\nNotes\n")
+    error = "OutputError\n    If the file cannot be written.\n"
+    return f"{head}\nReturns\n-------\n{returns}\n\n{errors.rstrip()}\n{error}{notes}{more}"
 
 
 def impossible(path: Path) -> str | None:

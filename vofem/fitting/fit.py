@@ -191,6 +191,12 @@ class _Problem:
                 "fit: some data have a noise and others have none; give it for all of them, or for none"
             )
         self.noise_is_known = all(known)
+        units = sorted({one.unit for one in data})
+        if len(units) > 1 and not self.noise_is_known:
+            raise ArgumentError(
+                f"fit: data are in {' and '.join(units)}, and only their noise says how to weigh these; give noise= "
+                "for each"
+            )
         self.end = float(max((one.times[-1] for one in data if one.times is not None), default=0.0))
         self.bounds = self._bounds()
         self.runs = 0
@@ -375,15 +381,17 @@ def fit(
     Notes
     -----
     With noise given, the covariance is ``(J'J)^-1`` of the Jacobian over the noise. Otherwise the variance of the noise
-    is estimated from the residuals. A parameter on which the data do not depend keeps its value and is named in
-    `Fit.not_identifiable`. The optimiser is `scipy.optimize.least_squares`.
+    is estimated from the residuals. Data in several units, such as m and Hz, need their noise. A parameter on which the
+    data do not depend keeps its value and is named in `Fit.not_identifiable`. The optimiser is
+    `scipy.optimize.least_squares`.
     """
     as_scene("fit", scene)
     chosen = parameters_of("fit", parameters, scene)
     several = tuple(data) if isinstance(data, (list, tuple)) else (data,)
-    if not several or any(not isinstance(one, Data) for one in several):
-        wrong = type(next((one for one in several if not isinstance(one, Data)), data)).__name__
-        raise ArgumentError(f"fit: data has a {wrong}, expected vofem.Measured or a list of measurements")
+    strange = [one for one in several if not isinstance(one, Data)]
+    if strange or not several:
+        what = f"holds {strange[0]!r}" if strange else "is empty"
+        raise ArgumentError(f"fit: data {what}, expected vofem.Measured or a list of measurements")
     starts = whole("fit: starts", starts)
     problem = _Problem(scene, chosen, several, "event_driven")
     windows = _windows(horizon, problem.end)

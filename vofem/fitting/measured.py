@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -121,28 +122,19 @@ class Data:
         raise NotImplementedError
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class StoredData(Data):
-    """Data of a fit that was read from a file: its numbers, and not the point or the contact that was measured.
+    """Data of a fit that was read from a file: its numbers, and not the point or the contact that was measured."""
 
-    `described`: what `describe` returns.
-    `where` (shape (n,)): where the values are drawn.
-    `within` (shape (n,)): which values the fit has used.
-    """
-
-    def __init__(
-        self,
-        described: str,
-        values: Array,
-        noise: Array | None,
-        offset: bool,
-        times: Array | None,
-        unit: str,
-        along: str,
-        where: Array,
-        within: NDArray[np.bool_],
-    ) -> None:
-        self.described, self.values, self.noise, self.offset, self.times = described, values, noise, offset, times
-        self.unit, self.along, self.where, self.within = unit, along, where, within  # type: ignore[misc]
+    described: str  #: What `describe` returns.
+    values: Array
+    noise: Array | None
+    offset: bool
+    times: Array | None
+    unit: str  # type: ignore[misc]
+    along: str
+    where: Array  #: Where the values are drawn, shape (n,).
+    within: NDArray[np.bool_]  #: Which values the fit has used, shape (n,).
 
     @property
     def places(self) -> Array:

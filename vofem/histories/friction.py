@@ -49,7 +49,7 @@ class FrictionHistory:
 
     @property
     def slip_speed(self) -> Array:
-        """Speed of a relative to b, or to the belt, m/s; with a spring, its end's. It is exactly 0 while it sticks."""
+        """Speed of a relative to b, or to the belt, m/s; behind a spring the slider's own. It is 0 while it sticks."""
         return np.asarray(self._samples.slip_speed[self._index])
 
     @property

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from dataclasses import field
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,7 @@ from vofem.arrays import Array, IntArray
 from vofem.effects.two_points import Units
 from vofem.errors import ArgumentError
 from vofem.histories.run import Run
-from vofem.histories.table import Table
+from vofem.histories.table import Column, Table, Tabled, tabled
 from vofem.histories.touches import RESOLVED, Parts, Span, Touches, resolve, spans_of
 from vofem.system import OPEN, ContactLaws
 
@@ -30,59 +30,79 @@ _UNKNOWN = (
 )
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Impacts:
+#: Fields that impacts and statistics share.
+Name = Annotated[str, Column(None, "Name of the contact.")]
+InUnits = Annotated[Units, Column(None, "Units of coordinate, force and impulse.")]
+Why = Annotated[str, Column(None, "The reason why forces are not known; empty if they are known.")]
+
+
+@tabled(", shape (n,)")
+class Impacts(Tabled):
     """The impacts of a contact in the order of time: the intervals in which it is closed or pinned at its gap.
 
     For a contact that acts on rotations, read rad for m, and N m for N. A force or a work that cannot be computed from
     the run is NaN, and `why` gives the reason.
-
-    Attributes
-    ----------
-    name : str
-        Name of the contact.
-    closing, opening : ndarray, shape (n,)
-        Times in s at which the impact begins and ends. The first impact begins at 0 if the contact starts closed.
-    ended : ndarray of bool, shape (n,)
-        False if the run ends before the contact opens. In that case `opening` is the end of the run.
-    approach_speed, departure_speed : ndarray, shape (n,)
-        Rate at which the gap closes at `closing`, and at which it opens at `opening`, m/s. NaN where the contact does
-        not close or open within the run.
-    peak_force : ndarray, shape (n,)
-        The force of largest magnitude, N; inf for an impact on a rigid stop.
-    peak_time : ndarray, shape (n,)
-        Time at which it is reached, s.
-    impulse : ndarray, shape (n,)
-        Integral of the force over time, N s.
-    work : ndarray, shape (n,)
-        Work done on the contact while it is pressed in, J. If an elastic contact is pressed in once, this is the
-        largest energy stored in it.
-    absorbed : ndarray, shape (n,)
-        The part of `work` that is not returned, J: the energy dissipated in the damper, and the energy that is stored
-        at the end of the run.
-    error : float
-        Estimated error of the forces between events, divided by the largest force. It is 1e-10 unless the motion
-        oscillates very often while the contact is closed. For a stepping method it is 0: the forces are as exact as the
-        steps.
-    units : Units
-    why : str
-        The reason why forces are not known; empty if they are known.
     """
 
-    name: str
-    closing: Array
-    opening: Array
-    ended: NDArray[np.bool_]
-    approach_speed: Array
-    departure_speed: Array
-    peak_force: Array
-    peak_time: Array
-    impulse: Array
-    work: Array
-    absorbed: Array
-    error: float
-    units: Units
-    why: str
+    name: Name
+    closing: Annotated[
+        Array, Column("s", "Times at which impacts begin. The first one begins at 0 if the contact starts closed.")
+    ]
+    opening: Annotated[Array, Column("s", "Times at which they end.")]
+    duration: Annotated[Array, Column("s", "Duration of each impact.")] = field(init=False)
+    ended: Annotated[
+        NDArray[np.bool_],
+        Column("", "False if the run ends before the contact opens. In that case `opening` is the end of the run."),
+    ]
+    approach_speed: Annotated[
+        Array,
+        Column(
+            "{coordinate}/s",
+            "Rate at which the gap closes at `closing`. NaN where the contact does not close within the run.",
+        ),
+    ]
+    departure_speed: Annotated[
+        Array,
+        Column(
+            "{coordinate}/s",
+            "Rate at which the gap opens at `opening`. NaN where the contact does not open within the run.",
+        ),
+    ]
+    peak_force: Annotated[
+        Array, Column("{force}", "The force of largest magnitude; inf for an impact on a rigid stop.")
+    ]
+    peak_time: Annotated[Array, Column("s", "Time at which it is reached.")]
+    impulse: Annotated[Array, Column("{impulse}", "Integral of the force over time.")]
+    work: Annotated[
+        Array,
+        Column(
+            "J",
+            "Work done on the contact while it is pressed in. If an elastic contact is pressed in once, this is the "
+            "largest energy stored in it.",
+        ),
+    ]
+    absorbed: Annotated[
+        Array,
+        Column(
+            "J",
+            "The part of `work` that is not returned: the energy dissipated in the damper, and the energy that is "
+            "stored at the end of the run.",
+        ),
+    ]
+    error: Annotated[
+        float,
+        Column(
+            None,
+            "Estimated error of the forces between events, divided by the largest force. It is 1e-10 unless the motion "
+            "oscillates very often while the contact is closed. For a stepping method it is 0: the forces are as exact "
+            "as the steps.",
+        ),
+    ]
+    units: InUnits
+    why: Why
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "duration", self.opening - self.closing)
 
     def __len__(self) -> int:
         return int(self.closing.size)
@@ -90,129 +110,53 @@ class Impacts:
     def __repr__(self) -> str:
         return f"Impacts({self.name!r}, {len(self)} impacts)"
 
-    @property
-    def duration(self) -> Array:
-        """Duration of each impact in s, shape (n,)."""
-        return self.opening - self.closing
-
     def table(self) -> Table:
         """Return the impacts as a table with one impact in each row."""
-        u = self.units
-        speed = f"{u.coordinate}/s"
-        return Table(
-            {
-                "closing": (self.closing, "s"),
-                "opening": (self.opening, "s"),
-                "duration": (self.duration, "s"),
-                "ended": (self.ended, ""),
-                "approach_speed": (self.approach_speed, speed),
-                "departure_speed": (self.departure_speed, speed),
-                "peak_force": (self.peak_force, u.force),
-                "peak_time": (self.peak_time, "s"),
-                "impulse": (self.impulse, u.impulse),
-                "work": (self.work, "J"),
-                "absorbed": (self.absorbed, "J"),
-            },
-            f"Impacts of contact {self.name!r}",
-            (self.why,) if self.why else (),
-        )
+        return Table(self.quantities(), f"Impacts of contact {self.name!r}", (self.why,) if self.why else ())
 
     def to_dataframe(self) -> Any:
         """Return a `pandas.DataFrame`, one row an impact; see `Table.to_dataframe`."""
         return self.table().to_dataframe()
 
 
-@dataclass(frozen=True)
-class ContactStatistics:
+@tabled("")
+class ContactStatistics(Tabled):
     """What a contact does over a window of time.
 
     For a contact that acts on rotations, read rad for m, and N m for N. Means are over the whole window, open times
     included, unless they say otherwise. A value that cannot be computed from the run is NaN, and `why` gives the
     reason. A mean over impacts is NaN if there is no impact.
-
-    Attributes
-    ----------
-    name : str
-        Name of the contact.
-    begin, end : float
-        Begin and end of the window in s.
-    count : int
-        Number of impacts that begin in the window.
-    rate : float
-        `count` divided by the length of the window, 1/s.
-    closed_share : float
-        Share of the window in which the contact is closed or pinned.
-    mean_duration : float
-        Mean duration of the impacts that begin in the window and end within the run, s.
-    mean_approach_speed, largest_approach_speed : float
-        Mean and largest approach speed of the impacts that begin in the window, m/s.
-    peak_force : float
-        The force of largest magnitude in the window, N.
-    mean_force, rms_force : float
-        Mean of the force, and root of its mean square, N.
-    mean_closed_force : float
-        Mean force over the time in which the contact is closed, N.
-    impulse : float
-        Integral of the force over the window, N s.
-    work : float
-        Work done on the contact while it is pressed in, J.
-    work_rate : float
-        `work` divided by the length of the window, W.
-    work_per_impact : float
-        `work` divided by `count`, J.
-    absorbed : float
-        Energy that the contact takes for good in the window, J. What it stores at the ends of the window is no part
-        of it.
-    absorbed_rate : float
-        `absorbed` divided by the length of the window, W.
-    error : float
-        Estimated relative error; see `Impacts`.
-    units : Units
-    why : str
-        The reason why forces are not known; empty if they are known.
     """
 
-    name: str
-    begin: float
-    end: float
-    count: int
-    rate: float
-    closed_share: float
-    mean_duration: float
-    mean_approach_speed: float
-    largest_approach_speed: float
-    peak_force: float
-    mean_force: float
-    rms_force: float
-    mean_closed_force: float
-    impulse: float
-    work: float
-    work_rate: float
-    work_per_impact: float
-    absorbed: float
-    absorbed_rate: float
-    error: float
-    units: Units
-    why: str
-
-    def quantities(self) -> dict[str, tuple[float, str]]:
-        """Return all numbers with their units, by name."""
-        u = self.units
-        of = {
-            "begin": "s",
-            "end": "s",
-            "rate": "1/s",
-            "mean_duration": "s",
-            "mean_approach_speed": f"{u.coordinate}/s",
-            "largest_approach_speed": f"{u.coordinate}/s",
-            "impulse": u.impulse,
-            "work_rate": "W",
-            "absorbed_rate": "W",
-            **dict.fromkeys(("peak_force", "mean_force", "rms_force", "mean_closed_force"), u.force),
-            **dict.fromkeys(("work", "work_per_impact", "absorbed"), "J"),
-        }
-        names = [field.name for field in fields(self) if field.name not in ("name", "error", "units", "why")]
-        return {name: (getattr(self, name), of.get(name, "")) for name in names}
+    name: Name
+    begin: Annotated[float, Column("s", "Begin of the window.")]
+    end: Annotated[float, Column("s", "End of the window.")]
+    count: Annotated[int, Column("", "Number of impacts that begin in the window.")]
+    rate: Annotated[float, Column("1/s", "`count` divided by the length of the window.")]
+    closed_share: Annotated[float, Column("", "Share of the window in which the contact is closed or pinned.")]
+    mean_duration: Annotated[
+        float, Column("s", "Mean duration of the impacts that begin in the window and end within the run.")
+    ]
+    mean_approach_speed: Annotated[
+        float, Column("{coordinate}/s", "Mean approach speed of the impacts that begin in the window.")
+    ]
+    largest_approach_speed: Annotated[float, Column("{coordinate}/s", "Largest approach speed of these impacts.")]
+    peak_force: Annotated[float, Column("{force}", "The force of largest magnitude in the window.")]
+    mean_force: Annotated[float, Column("{force}", "Mean of the force.")]
+    rms_force: Annotated[float, Column("{force}", "Root of its mean square.")]
+    mean_closed_force: Annotated[float, Column("{force}", "Mean force over the time in which the contact is closed.")]
+    impulse: Annotated[float, Column("{impulse}", "Integral of the force over the window.")]
+    work: Annotated[float, Column("J", "Work done on the contact while it is pressed in.")]
+    work_rate: Annotated[float, Column("W", "`work` divided by the length of the window.")]
+    work_per_impact: Annotated[float, Column("J", "`work` divided by `count`.")]
+    absorbed: Annotated[
+        float,
+        Column("J", "Energy that the contact takes for good in the window, without what it stores at its ends."),
+    ]
+    absorbed_rate: Annotated[float, Column("W", "`absorbed` divided by the length of the window.")]
+    error: Annotated[float, Column(None, "Estimated relative error; see `Impacts`.")]
+    units: InUnits
+    why: Why
 
     def __str__(self) -> str:
         lines = [f"Contact {self.name!r}"]

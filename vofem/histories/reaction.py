@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import nearest
+from vofem._validate import unknown
 from vofem.arrays import Array
 from vofem.bodies.base import Body
 from vofem.errors import ArgumentError
@@ -44,7 +44,7 @@ def joint_force_of(run: Run, name: str, t: ArrayLike | None, samples: Sampled) -
     model = run.model
     names = [known for known, _ in model.joints]
     if name not in names:
-        raise ArgumentError(f"no joint is named {name!r}; there are {names}{nearest(name, tuple(names))}")
+        raise unknown("joint", name, names)
     first = sum(count for known, count in model.joints[: names.index(name)])
     times, *rest = _state(run, f"force of Joint {name!r}", t, samples)
     parts = np.zeros((2, times.size))

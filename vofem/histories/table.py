@@ -1,19 +1,74 @@
-"""A table: columns of equal length, with units."""
+"""A table: columns of equal length, with units; and how a class declares what its columns are."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+import inspect
+import textwrap
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, dataclass_transform, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import nearest
+from vofem._validate import unknown
+from vofem.arrays import Array
 from vofem.cards import Shown
-from vofem.errors import ArgumentError
+from vofem.effects.two_points import UNITS, Units
 
 #: Rows that are shown as text.
 _SHOWN = 20
+
+C = TypeVar("C", bound=type)
+
+
+@dataclass(frozen=True)
+class Column:
+    """What a field of a class of results is: its unit, None where it is no column of tables, and a sentence or two."""
+
+    unit: str | None  #: Names of `Units` in braces stand for units of the contact, as in ``"{force}"``.
+    text: str
+
+
+@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(field,))
+def tabled(shape: str) -> Callable[[C], C]:
+    """Make a frozen dataclass of a `Tabled` class: its fields, annotated with `Column`, give tables and docstring.
+
+    `shape`: what the docstring says of the shape of arrays.
+    """
+
+    def make(cls: C) -> C:
+        hints = get_type_hints(cls, include_extras=True)
+        known = {name: one.__metadata__[0] for name, one in hints.items() if hasattr(one, "__metadata__")}
+        lines = [inspect.cleandoc(cls.__doc__ or ""), "", "Attributes", "----------"]
+        for name, column in known.items():
+            kind = hints[name].__origin__
+            plain = kind in (float, int, str, Units)
+            shown = kind.__name__ if plain else "ndarray" + " of bool" * (kind != Array) + shape
+            unit = (column.unit or "").format(**vars(UNITS["displacement"]))
+            text = column.text + f" In {unit}." * bool(unit)
+            lines += [f"{name} : {shown}", *textwrap.wrap(text, 110, initial_indent="    ", subsequent_indent="    ")]
+        cls._columns = {name: one for name, one in known.items() if one.unit is not None}  # type: ignore[attr-defined]
+        cls.__doc__ = "\n".join(lines) + "\n"
+        made: Any = dataclass(frozen=True, eq=False, repr=False)(cls)
+        return made
+
+    return make
+
+
+class Tabled:
+    """Numbers of a contact, in its units."""
+
+    _columns: ClassVar[dict[str, Column]]
+    if TYPE_CHECKING:  # fields of all
+        name: str
+        units: Units
+        why: str
+
+    def quantities(self) -> dict[str, tuple[Any, str]]:
+        """Return all columns with their units, by name."""
+        units = vars(self.units)
+        return {name: (getattr(self, name), str(one.unit).format(**units)) for name, one in self._columns.items()}
 
 
 class Table(Shown, Mapping[str, NDArray]):
@@ -43,9 +98,7 @@ class Table(Shown, Mapping[str, NDArray]):
     def __getitem__(self, name: str) -> NDArray:
         if name not in self._columns:
             known = tuple(self._columns)
-            raise ArgumentError(
-                f"{self.title}: no column is named {name!r}; there are {list(known)}{nearest(name, known)}"
-            )
+            raise unknown("column", name, known, what=self.title)
         return self._columns[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -58,6 +111,11 @@ class Table(Shown, Mapping[str, NDArray]):
     def rows(self) -> int:
         """Number of rows."""
         return int(next(iter(self._columns.values())).size) if self._columns else 0
+
+    def chosen(self, rows: NDArray) -> Table:
+        """Return the rows of some numbers, as a table of the same columns."""
+        columns = {name: (values[rows], self.units[name]) for name, values in self._columns.items()}
+        return Table(columns, self.title, self.notes)
 
     def headings(self) -> list[str]:
         """Return the names of the columns with their units."""
@@ -84,6 +142,21 @@ class Table(Shown, Mapping[str, NDArray]):
         return "\n".join([self.title, *shown, *more, *(f"note: {note}" for note in self.notes)])
 
     __repr__ = __str__
+
+
+def joined(parts: Iterable[Tabled], title: str) -> Table:
+    """Return the columns of several contacts one below the other, with their names; their reasons are notes."""
+    parts = list(parts)
+    found = [part.quantities() for part in parts]
+    counts = [np.size(next(iter(one.values()))[0]) for one in found]
+    columns: dict[str, tuple[Any, str]] = {
+        "contact": (np.repeat(np.array([part.name for part in parts], dtype=np.str_), counts), "")
+    }
+    for name in found[0] if found else ():
+        # Both units where some contacts act on rotations.
+        unit = " or ".join(dict.fromkeys(one[name][1] for one in found))
+        columns[name] = np.concatenate([np.atleast_1d(one[name][0]) for one in found]), unit
+    return Table(columns, title, tuple(dict.fromkeys(part.why for part in parts if part.why)))
 
 
 def _spelled(value: Any) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from vofem.bodies.base import Point, as_point
 from vofem.bodies.path import TravellingPoint
 from vofem.histories.impacts import window_of
-from vofem.histories.table import Table
+from vofem.histories.table import Table, joined
 from vofem.histories.variables import ENERGIES, Tabulated, histories, motion_and_contacts
 from vofem.scene import Scene
 from vofem.system import CLOSED, OPEN, PINNED
@@ -110,37 +110,16 @@ def events_of(run: Tabulated) -> Table:
 def impacts_of(run: Tabulated, window: ArrayLike | None) -> Table:
     """Return the impacts of all contacts in the order of time; see `vofem.Result.impacts`."""
     begin, end = window_of("impacts", window, float(run.solution.t_end))
-    tables = {name: history.impacts.table() for name, history in run.contacts.items()}
-    shown = {name: table for name, table in tables.items() if table.rows}
-    first = next(iter(shown or tables), None)
-    if first is None:
-        return Table({"contact": (np.empty(0, dtype=str), "")}, "Impacts")
-    names = np.concatenate([np.full(table.rows, name) for name, table in tables.items()])
-    columns = {name: np.concatenate([table[name] for table in tables.values()]) for name in tables[first]}
-    order = np.lexsort((names, columns["closing"]))
-    order = order[(columns["closing"][order] >= begin) & (columns["closing"][order] <= end)]
-    units = {name: _one_unit([table.units[name] for table in tables.values()]) for name in tables[first]}
-    notes = dict.fromkeys(note for table in tables.values() for note in table.notes)
-    return Table(
-        {"contact": (names[order], "")} | {name: (values[order], units[name]) for name, values in columns.items()},
-        "Impacts",
-        tuple(notes),
-    )
+    table = joined((history.impacts for history in run.contacts.values()), "Impacts")
+    if not table.rows:
+        return table
+    order = np.lexsort((table["contact"], table["closing"]))
+    closing = table["closing"][order]
+    return table.chosen(order[(closing >= begin) & (closing <= end)])
 
 
 def statistics_of(run: Tabulated, window: ArrayLike | None) -> Table:
     """Return the statistics of all contacts, one a row; see `vofem.Result.contact_statistics`."""
     begin, end = window_of("contact_statistics", window, float(run.solution.t_end))
-    found = [history.statistics((begin, end)) for history in run.contacts.values()]
-    columns: dict[str, tuple[Any, str]] = {"contact": (np.array([one.name for one in found], dtype=str), "")}
-    rows = [one.quantities() for one in found]
-    for name in rows[0] if rows else ():
-        unit = _one_unit([row[name][1] for row in rows])
-        columns[name] = np.array([row[name][0] for row in rows]), unit
-    notes = dict.fromkeys(one.why for one in found if one.why)
-    return Table(columns, f"Contacts from {begin:g} to {end:g} s", tuple(notes))
-
-
-def _one_unit(units: list[str]) -> str:
-    """Return the unit of a column: both where some contacts act on rotations."""
-    return " or ".join(dict.fromkeys(units))
+    found = (history.statistics((begin, end)) for history in run.contacts.values())
+    return joined(found, f"Contacts from {begin:g} to {end:g} s")

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import astuple, dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,7 @@ from vofem.integrators.applied_force import AppliedForce
 from vofem.integrators.base import Energies, Samples, SpringSamples
 from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.methods import FORCE_DRIVEN
-from vofem.integrators.observer import Observer, Snapshot, deferred_interrupts
+from vofem.integrators.observer import Observer, Snapshot, advanced, interruption
 from vofem.integrators.stepped import SteppedSolution, step_count
 from vofem.laws import PrintedLaw
 from vofem.system import Counters, Events, State, System
@@ -121,22 +120,23 @@ class _Run:
         regime = _Regime(True, abs(self.y[0]) > self.law.linear_limit, 0.0)
         # The spring has no past: what it holds at the start it was given before.
         held = self._pull(regime, self.force(0.0), float(self.y[0])) ** 2 / (2.0 * self.law.stiffness)
-        spans, first, notes = self.force.directions(t_end), 0, []
+        spans, notes = self.force.directions(t_end), []
+        self.spans, self.regime, reached = 0, regime, 0.0
         if resume is not None:
-            regime, first = self._restore(resume)
-        with deferred_interrupts() as interrupted:
-            for n, (begin, end, rising) in enumerate(spans[first:], first):
-                regime = self._span(self._turned(regime, begin, rising), begin, end)
-                stop = interrupted() and n + 1 < len(spans)
-                if observer is not None:
-                    observer(end, partial(self._snapshot, regime, n + 1), stop)
-                if stop:
-                    if not self.cursor:
-                        raise KeyboardInterrupt
-                    notes.append(f"interrupted at t = {end:g} s of {t_end:g} s: what was computed until then is here")
-                    t_end = self._cut()
-                    break
-        self._store(lambda t: np.repeat(self.y[:, None], t.size, axis=1), regime, np.inf)
+            self._restore(resume)
+
+        def advance() -> None:
+            nonlocal reached
+            begin, reached, rising = spans[self.spans]
+            self.regime = self._span(self._turned(self.regime, begin, rising), begin, reached)
+            self.spans += 1
+
+        if not advanced(advance, lambda: self.spans >= len(spans), lambda: reached, self._snapshot, observer):
+            if not self.cursor:
+                raise KeyboardInterrupt
+            notes.append(interruption(reached, t_end))
+            t_end = self._cut()
+        self._store(lambda t: np.repeat(self.y[:, None], t.size, axis=1), self.regime, np.inf)
         return self._solution(t_end, held, notes)
 
     def _turned(self, regime: _Regime, begin: float, rising: bool) -> _Regime:
@@ -150,11 +150,11 @@ class _Run:
             return _Regime(True, abs(x) > self.law.linear_limit, 0.0)
         return regime
 
-    def _snapshot(self, regime: _Regime, spans: int) -> Snapshot:
+    def _snapshot(self) -> Snapshot:
         """Return what a run goes on from, as plain data."""
         return {
-            "regime": astuple(regime),
-            "spans": spans,
+            "regime": astuple(self.regime),
+            "spans": self.spans,
             "y": self.y,
             "output": np.vstack([self.out, self.acceleration, self.pull])[:, : self.cursor],
             "longest": self.longest,
@@ -162,8 +162,8 @@ class _Run:
             "counters": self.counters,
         }
 
-    def _restore(self, saved: Snapshot) -> tuple[_Regime, int]:
-        """Put the run where a snapshot stands; return its regime and the number of spans until then."""
+    def _restore(self, saved: Snapshot) -> None:
+        """Put the run where a snapshot stands."""
         output = saved["output"]
         self.y, self.cursor, self.longest = saved["y"], output.shape[1], saved["longest"]
         self.out[:, : self.cursor] = output[:5]
@@ -171,7 +171,7 @@ class _Run:
         self.acceleration[: self.cursor], self.pull[: self.cursor] = output[5], output[6]
         for name, value in vars(saved["counters"]).items():
             setattr(self.counters, name, value)
-        return _Regime(*saved["regime"]), saved["spans"]
+        self.regime, self.spans = _Regime(*saved["regime"]), saved["spans"]
 
     def _cut(self) -> float:
         """Forget the times that were not reached; return the last one that was, s."""

@@ -65,3 +65,27 @@ def deferred_interrupts() -> Iterator[Callable[[], bool]]:
     finally:
         if handled:
             signal.signal(signal.SIGINT, signal.SIG_DFL if handler.before is None else handler.before)
+
+
+def advanced(
+    advance: Callable[[], object], finished: Callable[[], bool], reached: Callable[[], float],
+    snapshot: Callable[[], Snapshot], observer: Observer | None,
+) -> bool:  # fmt: skip
+    """Advance a run, part by part, until it has finished; return False where Ctrl-C ended it before.
+
+    `reached`: returns the time reached, s.
+    """
+    with deferred_interrupts() as interrupted:
+        while not finished():
+            advance()
+            last = interrupted() and not finished()
+            if observer is not None:
+                observer(reached(), snapshot, last)
+            if last:
+                return False
+    return True
+
+
+def interruption(t: float, t_end: float) -> str:
+    """Return the note of a run that was interrupted at a time in s before its end."""
+    return f"interrupted at t = {t:g} s of {t_end:g} s: what was computed until then is here"

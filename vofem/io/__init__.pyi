@@ -1,3 +1,3 @@
-from .movies.animate import animate as animate
+from .movies import animate as animate
 from .space import show as show
 from .space import snapshot as snapshot

@@ -139,6 +139,7 @@ def _scene(scene: Scene) -> tuple[Table, Draw]:
 
 def _explanation(found: Explanation) -> tuple[Table, None]:
     rows = [("body", line) for line in found.bodies] + [("effect", line) for line in found.effects]
+    rows += [("start", line) for line in found.start or ("at rest",)]
     rows += [
         ("unknowns", f"{found.unknowns}"),
         ("method", f"{found.method}, because {found.why}"),

@@ -5,16 +5,16 @@ from __future__ import annotations
 import csv
 import os
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 from vofem.errors import ArgumentError
-from vofem.files.whole import replacing, target
+from vofem.files.whole import writer
 from vofem.histories.tables import history_columns, named_points
 from vofem.result import Result
 
 
-def write_csv(result: Result, points: Mapping[str, Any] | Iterable[Any], path: str | os.PathLike[str]) -> Path:
+@writer(".csv")
+def write_csv(result: Result, points: Mapping[str, Any] | Iterable[Any], path: str | os.PathLike[str]) -> None:
     """Write the motion of points, force and K_eq of contacts, and force and slip speed of sliders, at the run's times.
 
     Parameters
@@ -22,45 +22,25 @@ def write_csv(result: Result, points: Mapping[str, Any] | Iterable[Any], path: s
     result : Result
     points : dict of str to point, or iterable of points
         The points; the keys of a dict are their names in the header.
-    path : path of a .csv
-
-    Returns
-    -------
-    Path
-        `path`.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
     """
-    goal = target(path, (".csv",))
     columns: dict[str, Any] = {"t [s]": result.times}
     found = history_columns(result, named_points("write_csv", result.scene, points))
-    return write_columns(columns | {f"{name} [{unit}]": values for name, (values, unit) in found.items()}, goal)
+    write_columns(columns | {f"{name} [{unit}]": values for name, (values, unit) in found.items()}, path)
 
 
-def write_probes(result: Result, path: str | os.PathLike[str]) -> Path:
+@writer(".csv")
+def write_probes(result: Result, path: str | os.PathLike[str]) -> None:
     """Write displacement, velocity and acceleration of the points that were recorded at every step.
 
     Parameters
     ----------
     result : Result
-    path : path of a .csv
-
-    Returns
-    -------
-    Path
-        `path`.
 
     Raises
     ------
     ArgumentError
         If nothing was recorded.
-    OutputError
-        If the file cannot be written.
     """
-    goal = target(path, (".csv",))
     if result.recorded is None:
         raise ArgumentError("this run has recorded no points; name them in probes= when simulating")
     columns: dict[str, Any] = {"t [s]": result.recorded.times}
@@ -68,14 +48,13 @@ def write_probes(result: Result, path: str | os.PathLike[str]) -> Path:
         columns[f"{name} displacement [m]"] = history.displacement
         columns[f"{name} velocity [m/s]"] = history.velocity
         columns[f"{name} acceleration [m/s^2]"] = history.acceleration
-    return write_columns(columns, goal)
+    write_columns(columns, path)
 
 
-def write_columns(columns: dict[str, Any], goal: Path) -> Path:
+def write_columns(columns: dict[str, Any], path: str | os.PathLike[str]) -> None:
     """Write columns of equal length, arrays of numbers or lists of numbers and text, under their names."""
     rows = zip(*(column if isinstance(column, list) else column.tolist() for column in columns.values()), strict=True)
-    with replacing(goal) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows([value if isinstance(value, str | None) else repr(value) for value in row] for row in rows)
-    return goal
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        lines = csv.writer(file, lineterminator="\n")
+        lines.writerow(columns)
+        lines.writerows([value if isinstance(value, str | None) else repr(value) for value in row] for row in rows)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import platform
 import sys
-from dataclasses import dataclass
 from importlib import metadata
 
 from vofem._version import __version__
@@ -14,57 +14,26 @@ from vofem.io.space import graphics_fault
 REQUIRED = ("numpy", "scipy", "scikit-fem", "numba", "matplotlib", "pyvista", "vtk", "meshio", "h5py", "threadpoolctl")
 
 
-@dataclass(frozen=True)
-class Diagnosis:
-    """What `vofem doctor` has found.
-
-    Attributes
-    ----------
-    versions : dict of str to str or None
-        Versions of packages; None for a package that is not installed.
-    graphics : str
-        Why VTK cannot draw without a window, and what would help; empty where it can.
-    compiled : str
-        Where compiled code is kept, and which methods it covers.
-    """
-
-    versions: dict[str, str | None]
-    graphics: str
-    compiled: str = ""
-
-    @property
-    def missing(self) -> tuple[str, ...]:
-        """Packages that are not installed."""
-        return tuple(name for name, version in self.versions.items() if version is None)
-
-    def __str__(self) -> str:
-        lines = [
-            f"vofem {__version__}",
-            f"Python {platform.python_version()} at {sys.executable}",
-            f"{platform.platform()}, {platform.machine()}",
-            "",
-        ]
-        lines += [f"{name:<12} {version or 'is not installed'}" for name, version in self.versions.items()]
-        if self.missing:
-            lines += ["", f"Install what is missing: {sys.executable} -m pip install {' '.join(self.missing)}"]
-        lines += ["", *self.compiled.splitlines(), ""] if self.compiled else [""]
-        lines.append(
-            f"vofem.io.snapshot does not work, all other pictures do: {self.graphics}"
-            if self.graphics
-            else "Pictures of all kinds can be drawn here"
-        )
-        return "\n".join(lines)
-
-
-def diagnose() -> Diagnosis:
-    """Examine this machine; this takes about a second."""
-    versions: dict[str, str | None] = {}
+def diagnose() -> tuple[str, bool]:
+    """Return what this machine has, as text, and whether all packages are there; this takes about a second."""
+    versions: dict[str, str] = {}
     for name in REQUIRED:
-        try:
+        with contextlib.suppress(metadata.PackageNotFoundError):
             versions[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            versions[name] = None
-    return Diagnosis(versions, graphics_fault(), compiled_code())
+    missing = [name for name in REQUIRED if name not in versions]
+    lines = [
+        f"vofem {__version__}",
+        f"Python {platform.python_version()} at {sys.executable}",
+        f"{platform.platform()}, {platform.machine()}",
+        "",
+        *(f"{name:<12} {versions.get(name, 'is not installed')}" for name in REQUIRED),
+    ]
+    if missing:
+        lines += ["", f"Install what is missing: {sys.executable} -m pip install {' '.join(missing)}"]
+    fault = graphics_fault()
+    told = f"vofem.io.snapshot does not work, all other pictures do: {fault}"
+    lines += ["", *compiled_code().splitlines(), "", told if fault else "Pictures of all kinds can be drawn here"]
+    return "\n".join(lines), not missing
 
 
 def compiled_code() -> str:

@@ -21,7 +21,7 @@ from vofem._validate import number
 from vofem.arrays import Array, IntArray
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Row
-from vofem.bodies.cubics import hermite
+from vofem.bodies.cubics import hermite, rows_on_elements
 from vofem.bodies.path import TravellingPoint
 from vofem.effects import Joint
 from vofem.errors import ArgumentError
@@ -200,7 +200,6 @@ def _of_beam(beam: Beam, per_element: int) -> tuple[Array, dict[str, Any]]:
         for part in beam.bending_stiffness((beam.nodes[:-1, None] + np.minimum(xi, _INSIDE) * h).ravel())
     )
     stiffness[:, -1] += change[:, -1] * (1.0 - _INSIDE) * h[:, 0]
-    columns = np.repeat(2 * np.arange(len(x)), per_element)[:, None] + np.arange(4)
     # Of each point, because at a node a beam itself takes the element to the right.
     weights = [np.stack([hermite(i, xi, h, d) for i in range(4)], axis=-1) for d in range(4)]
     fields = {
@@ -209,8 +208,7 @@ def _of_beam(beam: Beam, per_element: int) -> tuple[Array, dict[str, Any]]:
         "bending_moment": stiffness[:, :, None] * weights[2],
         "shear_force": stiffness[:, :, None] * weights[3] + change[:, :, None] * weights[2],
     }
-    ends, shape = 4 * np.arange(x.size + 1), (x.size, beam.size)
-    return x, {name: csr_matrix((part.ravel(), columns.ravel(), ends), shape) for name, part in fields.items()}
+    return x, {name: rows_on_elements(part) for name, part in fields.items()}
 
 
 def _of_line(body: Body) -> tuple[Array, dict[str, Any]]:

@@ -6,13 +6,9 @@ Every function writes a file where it is given a path, and returns the path. Wit
 
 from __future__ import annotations
 
-from vofem.io.pictures.diagrams import basin_map, bifurcation
-from vofem.io.pictures.fits import fit
+from vofem.io.pictures.along import shapes, space_time
 from vofem.io.pictures.histories import time_history
 from vofem.io.pictures.impacts import event_raster, force_histogram, impact_statistics
-from vofem.io.pictures.maps import state_map
-from vofem.io.pictures.profiles import shapes
-from vofem.io.pictures.space_time import space_time
 from vofem.io.pictures.spectra import spectrum
 from vofem.io.pictures.steady import (
     backbone_curve,
@@ -22,7 +18,7 @@ from vofem.io.pictures.steady import (
     poincare_section,
     response_curve,
 )
-from vofem.io.pictures.sweeps import sweep_curves
+from vofem.io.pictures.studies import basin_map, bifurcation, fit, state_map, sweep_curves
 from vofem.io.pictures.work_precision import work_precision
 
 __all__ = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from vofem.files.whole import replacing, target
+from vofem.files.whole import writer
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.statics import Equilibrium
@@ -13,6 +13,7 @@ from vofem.statics import Equilibrium
 __all__ = ["render"]
 
 
+@writer(".png", ".pdf", ".svg")
 def render(
     result: Result | Equilibrium,
     t: float | None,
@@ -21,7 +22,7 @@ def render(
     scene: Scene | None = None,
     size: tuple[int, int] = (1600, 700),
     magnification: float | None = None,
-) -> Path:
+) -> None:
     """Draw the side view of a scene at time t.
 
     Beams are coloured by their bending moment, which is also drawn above
@@ -34,7 +35,6 @@ def render(
     result : Result or Equilibrium
     t : float or None
         Time, s; None for an equilibrium.
-    path : path of a .png, .pdf or .svg
     scene : Scene, optional
         The scene of an equilibrium.
     size : tuple of int
@@ -43,25 +43,15 @@ def render(
         Factor by which displacements are enlarged. The default is the largest 1, 2 or 5 times a power of ten at which
         the motion fits into the picture. In a scene without beams the picture is taken to be 1 m wide.
 
-    Returns
-    -------
-    Path
-        `path`.
-
     Raises
     ------
     ArgumentError
         If the time lies outside the run, or the size or the suffix is not possible.
-    OutputError
-        If the file cannot be written.
     """
     from vofem.io.pictures.drawing import DPI
     from vofem.io.pictures.sketch import sketch
     from vofem.io.pictures.snapshot import snapshot
 
-    goal = target(path, (".png", ".pdf", ".svg"))
-    figure = sketch(snapshot(result, t, scene), size, magnification).figure()
-    with replacing(goal) as temporary:
-        # Of a vector format this is the resolution of the strips of moments.
-        figure.savefig(temporary, dpi=DPI if goal.suffix.lower() == ".png" else 3.0 * DPI, facecolor="white")
-    return goal
+    # Of a vector format this is the resolution of the strips of moments.
+    dpi = DPI if Path(path).suffix.lower() == ".png" else 3.0 * DPI
+    sketch(snapshot(result, t, scene), size, magnification).figure().savefig(path, dpi=dpi, facecolor="white")

@@ -13,25 +13,17 @@ from vofem._validate import nearest
 from vofem.effects.kinds import AtPoint
 from vofem.errors import ArgumentError, OutputError, SceneFileError
 from vofem.files.whole import impossible, replacing
-from vofem.io.scenes.changes import changed
-from vofem.io.scenes.reader import read_respond, read_tables
-from vofem.io.scenes.settings import OutputSettings, RespondSettings, RunSettings, UniformTimes
-from vofem.io.scenes.writer import scene_to_toml
+from vofem.io.scenes.scene_text import read_respond, read_tables
+from vofem.io.scenes.scene_text import scene_to_toml as scene_to_toml
+from vofem.io.scenes.settings import OutputSettings as OutputSettings
+from vofem.io.scenes.settings import RespondSettings
+from vofem.io.scenes.settings import RunSettings as RunSettings
+from vofem.io.scenes.settings import UniformTimes as UniformTimes
+from vofem.parameters import changed
 from vofem.parameters.place import Book, Place
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.simulation import simulate
-
-__all__ = [
-    "OutputSettings",
-    "RunSettings",
-    "SceneFile",
-    "UniformTimes",
-    "dump_scene",
-    "load_scene",
-    "point_named",
-    "scene_to_toml",
-]
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ import contextlib
 import os
 import sys
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,10 +14,11 @@ from numpy.typing import NDArray
 from vofem._validate import number
 from vofem.arrays import Array
 from vofem.errors import ArgumentError, OutputError
-from vofem.files.whole import replacing, target
+from vofem.files.whole import writer
 from vofem.histories.impacts import window_of
 from vofem.io.frames import BEAM, MASS, Frames
 from vofem.io.pictures.drawing import COLORMAP
+from vofem.io.pictures.histories import end_of, times_of
 from vofem.io.pictures.units import nice_below
 from vofem.result import Result
 from vofem.studies.steady import PeriodicOrbit
@@ -95,8 +95,8 @@ def plotter_of(
         The function of the time in s that the slider calls.
     """
     result = _run_of("show", subject)
-    begin, end = window_of("show", window, _end_of(result))
-    times = _times(result, begin, end, _TIMES)
+    begin, end = window_of("show", window, end_of(result))
+    times = times_of(result, begin, end, _TIMES)
     if not times.size:
         raise ArgumentError(f"show: the run stored no times from {begin:g} to {end:g} s; choose a longer window")
     stage = Stage("show", result, times, 0, magnification, scalars, off_screen=off_screen)
@@ -112,6 +112,7 @@ def plotter_of(
     return stage.plotter, move
 
 
+@writer(".png")
 def snapshot(
     subject: Result | PeriodicOrbit,
     t: float,
@@ -120,7 +121,7 @@ def snapshot(
     size: tuple[int, int] = (1200, 600),
     magnification: float | None = None,
     scalars: str | None = None,
-) -> Path:
+) -> None:
     """Draw the deflected structure at time t in three dimensions, as ParaView shows a saved run.
 
     It needs a graphics driver, but no display. `vofem.io.render.render` needs neither.
@@ -130,7 +131,6 @@ def snapshot(
     subject : Result or PeriodicOrbit
     t : float
         Time in s, within the run.
-    path : path of a .png
     size : (int, int)
         Width and height in pixels.
     magnification : float, optional
@@ -139,34 +139,27 @@ def snapshot(
         The field that is shown in colours, one of `vofem.Result.frame`; the bending moment where there are beams, else
         the velocity.
 
-    Returns
-    -------
-    Path
-        `path`.
-
     Raises
     ------
     ArgumentError
         If the subject is not a run or an orbit, the time lies outside it, or the field is unknown.
     OutputError
-        If there is no graphics driver, or the file cannot be written.
+        If there is no graphics driver.
     """
-    goal = target(path, (".png",))
     result = _run_of("snapshot", subject)
-    t, end = number("snapshot: t", t), _end_of(result)
+    t, end = number("snapshot: t", t), end_of(result)
     if not 0.0 <= t <= end:
         raise ArgumentError(f"snapshot: t is {t:g}, expected a time of the run, 0 to {end:g} s")
-    times = np.append(_times(result, 0.0, end, _SOME), t)
+    times = np.append(times_of(result, 0.0, end, _SOME), t)
     stage = Stage("snapshot", result, times, -1, magnification, scalars, off_screen=True, window_size=size)
     stage.plotter.add_mesh(stage.rest, color="white", line_width=3.0, point_size=8.0)
     stage.tell(t)
     stage.look(size, times[-1:])
     try:
-        with replacing(goal) as temporary, _without_warnings():
-            stage.plotter.screenshot(temporary)
+        with _without_warnings():
+            stage.plotter.screenshot(path)
     finally:
         stage.plotter.close()
-    return goal
 
 
 class Stage:
@@ -259,17 +252,6 @@ def _run_of(what: str, subject: Any) -> Result:
     if not isinstance(subject, (Result, PeriodicOrbit)):
         raise ArgumentError(f"{what}: subject is {subject!r}, expected what simulate or periodic returns")
     return subject.result if isinstance(subject, PeriodicOrbit) else subject
-
-
-def _end_of(result: Result) -> float:
-    return min(float(result.times[-1]), result.solution.t_end)
-
-
-def _times(result: Result, begin: float, end: float, count: int) -> Array:
-    """Return times within a window; of a stepping method those that it has stored."""
-    if result.solution.continuous:
-        return np.linspace(begin, end, count)
-    return result.times[(result.times >= begin) & (result.times <= end)]
 
 
 def _magnification(result: Result, times: Any) -> float:

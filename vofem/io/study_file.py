@@ -5,19 +5,66 @@ from __future__ import annotations
 import functools
 import json
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vofem._validate import nearest
+from vofem.arrays import Array
 from vofem.effects.kinds import AtPoint
 from vofem.errors import ArgumentError, SceneFileError, VofemError
+from vofem.histories import ContactHistory
 from vofem.io.scene_file import SceneFile, read_content, scene_text
-from vofem.io.scenes.changes import changed
-from vofem.io.scenes.measures import OF_CONTACTS, OF_POINTS, OF_RUNS, Measure
+from vofem.parameters import changed
 from vofem.parameters.place import Book, Place
+from vofem.result import Result
+
+#: Of the displacement of a point at the stored times, in m: how the numbers are drawn together.
+OF_POINTS: dict[str, Callable[[Array], Any]] = {
+    "amplitude": lambda u: 0.5 * np.ptp(u),
+    "largest": lambda u: np.abs(u).max(),
+    "mean": np.mean,
+    "rms": lambda u: np.sqrt(np.mean(np.square(u))),
+    "maximum": np.max,
+    "minimum": np.min,
+    "final": lambda u: u[-1],
+}
+
+#: Of a contact, from a time in s on, and at stored times: number of closings, forces in N, share of closed time.
+OF_CONTACTS: dict[str, Callable[[ContactHistory, float, NDArray[np.bool_]], Any]] = {
+    "closings": lambda contact, after, late: np.count_nonzero(contact.closings >= after),
+    "peak_force": lambda contact, after, late: np.abs(contact.force[late]).max(),
+    "rms_force": lambda contact, after, late: np.sqrt(np.mean(np.square(contact.force[late]))),
+    "closed_share": lambda contact, after, late: np.mean(contact.closed[late]),
+}
+
+#: Of the run as a whole.
+OF_RUNS: dict[str, Callable[[Result], Any]] = {
+    "balance_error": lambda result: result.energy.balance_error,
+    "segments": lambda result: result.counters.steps,
+}
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One quantity of a run."""
+
+    kind: str  #: One of `OF_POINTS`, `OF_CONTACTS` or `OF_RUNS`.
+    of: Any  #: A point, or the name of a contact; None for the run.
+
+    def value(self, result: Result, after: float) -> float:
+        """Return the quantity over the stored times from `after` on, in s."""
+        late = result.times >= after
+        if self.kind in OF_POINTS:
+            return float(OF_POINTS[self.kind](result.displacement(self.of)[late]))
+        if self.kind in OF_CONTACTS:
+            return float(OF_CONTACTS[self.kind](result.contacts[self.of], after, late))
+        return float(OF_RUNS[self.kind](result))
+
 
 _KEYS = ("values", "measure", "after")
 _LINE = ("start", "stop", "count")

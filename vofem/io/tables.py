@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.bodies.base import as_point
-from vofem.files.whole import target
+from vofem.files.whole import writer
 from vofem.io.csv_file import write_columns
 from vofem.result import Result
 
@@ -23,8 +22,6 @@ if TYPE_CHECKING:
 
 #: Of forces, which are printed with six digits.
 _TOLERANCE = 1e-7
-
-_STABLE = {True: "1", False: "0", None: ""}
 
 
 # -- runs ---------------------------------------------------------------------------------------------
@@ -116,40 +113,18 @@ def counter_line(result: Result) -> str:
 # -- branches and sweeps ------------------------------------------------------------------------------
 
 
-def write_branch(branch: Branch, point: Any, path: str | os.PathLike[str], parameter: str = "parameter") -> Path:
-    """Write a line for each orbit and, among them, each special point of a branch; return the path.
+@writer(".csv")
+def write_branch(branch: Branch, point: Any, path: str | os.PathLike[str], parameter: str = "parameter") -> None:
+    """Write a line for each orbit and, among them, each special point of a branch.
 
     It has the parameter, the frequency, the amplitude, the stability (1 or 0) and the largest multiplier, the last two
     empty where they are not known, and the kind of a special point.
     """
-    goal = target(path, (".csv",))
-    place = as_point("write_branch: point", point)
-    rows: list[tuple[float, float, Any, str]] = [
-        (float(k), float(value), orbit, "")
-        for k, (value, orbit) in enumerate(zip(branch.values, branch.orbits, strict=True))
-    ]
-    rows += [(special.place, special.value, special.orbit, special.kind) for special in branch.special]
-    rows.sort(key=lambda row: row[0])
-    orbits = [orbit for _, _, orbit, _ in rows]
-    extremes = np.array([orbit.extremes(place) for orbit in orbits]).reshape(-1, 2)
-    omega = np.array([orbit.omega for orbit in orbits])
-    columns: dict[str, Any] = {
-        parameter: np.array([value for _, value, _, _ in rows]),
-        "frequency [Hz]": omega / (2.0 * np.pi),
-        "angular frequency [rad/s]": omega,
-        f"{place.name} amplitude [m]": 0.5 * (extremes[:, 1] - extremes[:, 0]),
-        f"{place.name} least [m]": extremes[:, 0],
-        f"{place.name} largest [m]": extremes[:, 1],
-        "stable": [_STABLE[orbit.stable] for orbit in orbits],
-        "largest multiplier": [_largest(orbit) for orbit in orbits],
-        "special": [kind for _, _, _, kind in rows],
-    }
-    return write_columns(columns, goal)
-
-
-def _largest(orbit: Any) -> str:
-    known = orbit.multipliers
-    return "" if known is None else repr(float(np.abs(known).max(initial=0.0)))
+    table = branch.table(point, parameter)
+    columns: dict[str, Any] = {head: table[name].tolist() for head, name in zip(table.headings(), table, strict=True)}
+    columns["stable"] = [None if known is None else int(known) for known in columns["stable"]]
+    columns["largest multiplier"] = [None if np.isnan(one) else one for one in columns["largest multiplier"]]
+    write_columns(columns, path)
 
 
 def branch_table(branch: Branch, point: Any, parameter: str = "parameter") -> str:
@@ -166,20 +141,20 @@ def branch_table(branch: Branch, point: Any, parameter: str = "parameter") -> st
     return "\n".join(lines)
 
 
-def write_sweep(sweep: Sweep, path: str | os.PathLike[str]) -> Path:
-    """Write a line for each point of a sweep; return the path.
+@writer(".csv")
+def write_sweep(sweep: Sweep, path: str | os.PathLike[str]) -> None:
+    """Write a line for each point of a sweep.
 
     Columns are the parameters, the quantities (one column an entry where they are arrays), and the error of a point
     that failed.
     """
-    goal = target(path, (".csv",))
     rows = sweep.points.rows
     columns: dict[str, Any] = {name: [row[name] for row in rows] for name in sweep.points.names}
     for name in sweep:
         column = sweep[name].reshape(len(rows), -1)
         heads = [name] if column.shape[1] == 1 else [f"{name}[{k}]" for k in range(column.shape[1])]
         columns |= zip(heads, column.T, strict=True)
-    return write_columns(columns | {sweep.error_column: sweep.errors()}, goal)
+    write_columns(columns | {sweep.error_column: sweep.errors()}, path)
 
 
 # -- studies of accuracy ------------------------------------------------------------------------------
@@ -224,9 +199,9 @@ def _short(value: float) -> str:
     return "differ" if np.isinf(value) else f"{value:.1e}"
 
 
-def write_study(study: Study, path: str | os.PathLike[str]) -> Path:
-    """Write a line for each run of a study, lengths in m and times in s, as `Run` and `Errors` say; return the path."""
-    goal = target(path, (".csv",))
+@writer(".csv")
+def write_study(study: Study, path: str | os.PathLike[str]) -> None:
+    """Write a line for each run of a study, lengths in m and times in s, as `Run` and `Errors` say."""
     rows = [
         {
             **{name: getattr(run.setting, name) for name in ("method", "elements", "dt", "tol")},
@@ -245,4 +220,4 @@ def write_study(study: Study, path: str | os.PathLike[str]) -> Path:
         }
         for run in study.runs
     ]
-    return write_columns({name: [row[name] for row in rows] for name in (rows[0] if rows else ())}, goal)
+    write_columns({name: [row[name] for row in rows] for name in (rows[0] if rows else ())}, path)

@@ -11,14 +11,14 @@ of their places instead. Whoever writes these places keeps the arrays.
 from __future__ import annotations
 
 import math
-from functools import cache
+from functools import cache, partial
 from typing import Any
 from weakref import WeakValueDictionary
 
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
-from vofem.kernels.jit import CompiledFunction, Intrinsic
+from vofem.kernels.jit import CompiledFunction, Intrinsic, compiled_form, imported_numba, without_collections
 from vofem.kernels.mode import compiled
 
 #: Functions and arrays by the negative numbers that stand for their addresses in plain Python.
@@ -48,14 +48,11 @@ def plain_address(known: Any) -> int:
 
 @cache
 def _compiled_address(function: CompiledFunction) -> int:
-    from numba import cfunc, types
-
+    types = imported_numba().types
     numbers = types.CPointer(types.float64)
     kind = types.float64(types.int64, numbers, numbers, types.float64, types.float64)
-    try:
-        _KEPT.append(cfunc(kind, cache=True, error_model="numpy")(function.prepared))
-    except RuntimeError:  # numba: "cannot cache function: no locator available"
-        _KEPT.append(cfunc(kind, error_model="numpy")(function.prepared))
+    with without_collections():
+        _KEPT.append(compiled_form(partial(imported_numba().cfunc, kind), function.prepared))
     return int(_KEPT[-1].address)
 
 

@@ -1,18 +1,16 @@
 """The place of compiled kernels on disk, and the kinds of work for which they exist, without importing numba.
 
-numba keeps machine code beside the sources or, where these cannot be written, in the user's folder for caches. Beside
-it stands an index of this package: the kinds of work for which all code has been compiled, under a key that names the
-sources, the versions of Python and numba, and the processor. The index is only an estimate: code that is missing
-nevertheless is compiled again.
+numba keeps machine code in a folder whose name is a key of the sources, the versions of Python and numba, and the
+processor. Beside the code stands an empty file for each kind of work for which all code has been compiled. These files
+are only an estimate: code that is missing nevertheless is compiled again.
 """
 
 from __future__ import annotations
 
 import contextlib
-import json
 import os
-import tempfile
-from collections.abc import Callable
+import shutil
+import threading
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -22,36 +20,25 @@ _ROOMS = ("kernels", "linalg", "laws", "integrators")
 
 _ROOT = Path(__file__).parent.parent
 
-_INDEX = "vofem-compiled.json"
+#: Ending of the file that says that there is code for a kind of work.
+_KIND = ".kind"
+
+#: Number of keys whose folders are kept.
+_MOST = 4
+
+#: Time in s for which a process that compiles waits for another one at most.
+_LONGEST = 60.0
 
 
 @cache
-def source_stamp() -> tuple[float, int]:
+def _source_stamp() -> tuple[float, int]:
     """Return the latest change and the total size of all sources that hold kernels."""
     found = [path.stat() for part in _ROOMS for path in (_ROOT / part).rglob("*.py")]
     return max(status.st_mtime for status in found), sum(status.st_size for status in found)
 
 
-def own_name(name: Callable[[int], str]) -> Callable[[int], str]:
-    """Return a function that names files as `name` does, with a mark that no other process uses."""
-    mark = _mark()
-
-    def marked(number: int) -> str:
-        stem, _, suffix = name(number).rpartition(".")
-        return f"{stem}-{mark}.{suffix}"
-
-    return marked
-
-
-@cache
-def _mark() -> str:
-    import uuid
-
-    return uuid.uuid4().hex[:8]
-
-
 def cache_folder() -> Path | None:
-    """Return the folder below which numba keeps code of this package, or None where it has none.
+    """Return the folder for compiled code of all versions of this package, or None where there is none.
 
     It takes the first that can be written of the folder that NUMBA_CACHE_DIR names, that of the package and that of the
     user's caches.
@@ -86,7 +73,7 @@ def _key() -> str:
     settings = sorted(f"{name}={value}" for name, value in os.environ.items() if name.startswith("NUMBA_"))
     parts = [
         str(_ROOT),
-        *source_stamp(),
+        *_source_stamp(),
         _numba(),
         platform.python_version(),
         platform.machine(),
@@ -122,54 +109,63 @@ def _processor() -> str:
     return platform.processor()
 
 
+def code_folder() -> Path | None:
+    """Return the folder for code that is compiled from these sources, which need not be there yet, or None."""
+    folder = cache_folder()
+    return None if folder is None else folder / f"vofem-{_key()}"
+
+
 def kinds_on_disk() -> frozenset[str]:
     """Return the kinds of work for which compiled code is on disk."""
-    folder = cache_folder()
-    return frozenset() if folder is None else frozenset(read_entries(folder / _INDEX).get(_key(), ()))
+    folder = code_folder()
+    return frozenset() if folder is None else frozenset(file.stem for file in folder.glob(f"*{_KIND}"))
 
 
 def keep_kind(kind: str) -> None:
-    """Enter into the index that all code for a kind of work is on disk."""
-    folder = cache_folder()
+    """Write down that all code for a kind of work is on disk, and remove the oldest folders of other keys."""
+    folder = code_folder()
     if folder is None:
         return
-    kinds = kinds_on_disk()
-    if kind not in kinds:
-        write_entry(folder / _INDEX, _key(), sorted({*kinds, kind}))
+    with contextlib.suppress(OSError), Turn():
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{kind}{_KIND}").touch()
+        by_age = sorted(folder.parent.glob("vofem-*/"), key=lambda one: one.stat().st_mtime)
+        for old in by_age[:-_MOST]:
+            shutil.rmtree(old, ignore_errors=True)
 
 
 def size_on_disk() -> int:
-    """Return the bytes of compiled code of this package on disk."""
-    folder = cache_folder()
-    if folder is None:
-        return 0
-    beside = folder.name == "__pycache__" and folder.is_relative_to(_ROOT)
-    return sum(file.stat().st_size for file in (_ROOT if beside else folder).rglob("*.nbc"))
+    """Return the bytes of compiled code for these sources on disk."""
+    folder = code_folder()
+    return 0 if folder is None else sum(file.stat().st_size for file in folder.rglob("*.nbc"))
 
 
-def read_entries(file: Path) -> dict[str, Any]:
-    """Return what `write_entry` has written, nothing where there is no such file."""
-    try:
-        known = json.loads(file.read_text())
-    except (OSError, ValueError):
-        return {}
-    return known if isinstance(known, dict) else {}
+class Turn(threading.local):
+    """Lets processes look for code on disk, compile it and write it one after the other.
 
-
-def write_entry(file: Path, key: str, value: Any, most: int = 8) -> None:
-    """Enter a value into a small file that processes share; where it cannot be written, do nothing.
-
-    The file is replaced as a whole, so that readers never see a part of it. The oldest of more than `most` entries go.
+    Two processes that compiled one function for different arguments at once would give both files one name, and the
+    index of one of them would stand beside the code of the other. A process whose turn does not come goes on.
     """
-    known = {name: old for name, old in read_entries(file).items() if name != key}
-    known = dict([*known.items()][-(most - 1) :]) | {key: value}
-    with contextlib.suppress(OSError):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=file.parent, prefix=file.name)
-        try:
-            with os.fdopen(handle, "w") as stream:
-                json.dump(known, stream, indent=1)
-            os.replace(name, file)
-        except OSError:
-            os.unlink(name)
-            raise
+
+    depth = 0
+
+    def __enter__(self) -> None:
+        lock = _lock()
+        if self.depth == 0 and lock is not None:
+            with contextlib.suppress(OSError, NotImplementedError):
+                lock.acquire(timeout=_LONGEST)
+        self.depth += 1
+
+    def __exit__(self, *error: object) -> None:
+        lock = _lock()
+        self.depth -= 1
+        if self.depth == 0 and lock is not None:
+            lock.release()
+
+
+@cache
+def _lock() -> Any:
+    import filelock
+
+    folder = cache_folder()
+    return None if folder is None else filelock.FileLock(folder / "vofem.lock")

@@ -8,12 +8,12 @@ import os
 import sys
 import types
 from collections.abc import Callable, Iterator
-from functools import cached_property, update_wrapper
+from functools import cache, cached_property, update_wrapper
 from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from vofem.kernels.cache import own_name, source_stamp
+from vofem.kernels.cache import Turn, code_folder
 from vofem.kernels.mode import check_patience, compiled
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -58,14 +58,15 @@ class CompiledFunction:
     @cached_property
     def dispatcher(self) -> Any:
         """The function as Python calls it, kept on disk."""
-        return _compiled(self.prepared)
+        return compiled_form(imported_numba().njit, self.prepared, no_cfunc_wrapper=True)
 
     @cached_property
     def callee(self) -> Any:
         """The function as other compiled functions call it: without the wrappers that calls from Python need."""
         if "dispatcher" in vars(self):
             return self.dispatcher
-        return _numba_jit(no_cpython_wrapper=True)(self.prepared)
+        njit = imported_numba().njit
+        return njit(no_cfunc_wrapper=True, no_cpython_wrapper=True, error_model="numpy")(self.prepared)
 
     @cached_property
     def prepared(self) -> Any:
@@ -90,7 +91,7 @@ class CompiledFunction:
         if compiled():
             if "dispatcher" in vars(self):
                 return self.dispatcher(*arguments)
-            with _without_collections():
+            with without_collections():
                 return self.dispatcher(*arguments)
         check_patience()
         # Compiled code divides by zero and overflows without a warning.
@@ -99,7 +100,7 @@ class CompiledFunction:
 
 
 @contextlib.contextmanager
-def _without_collections() -> Iterator[None]:
+def without_collections() -> Iterator[None]:
     """Let Python not look for garbage: while it compiles, it would look through all of numba's trees in vain."""
     active = gc.isenabled()
     gc.disable()
@@ -157,7 +158,8 @@ def _borrowed() -> Any:
 borrowed: Any = Intrinsic(_borrowed, lambda bundle: bundle)
 
 
-#: The compiler's lock where it is held for a fork.
+#: Whose turn it is to compile; and the compiler's lock where it is held for a fork.
+_TURN = Turn()
 _held: list[Any] = []
 
 
@@ -165,6 +167,7 @@ def _before_fork() -> None:
     """Let compilations of other threads end: their lock would stay closed in the child."""
     lock = getattr(sys.modules.get("numba.core.compiler_lock"), "global_compiler_lock", None)
     if lock is not None:
+        _TURN.depth += 1  # A fork does not wait for compilations of other processes.
         lock.acquire()
         _held.append(lock)
 
@@ -172,47 +175,45 @@ def _before_fork() -> None:
 def _after_fork() -> None:
     while _held:
         _held.pop().release()
+        _TURN.depth -= 1
 
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork)
 
 
-def _numba_jit(**options: bool) -> Callable[..., Any]:
-    """Return numba's decorator, with the arithmetic of numpy: a division by zero gives infinity or NaN."""
+@cache
+def imported_numba() -> Any:
+    """Return numba, which compiles from now on only when it is this process's turn."""
     import numba
+    from numba.core import event
 
-    decorator: Callable[..., Any] = numba.njit(no_cfunc_wrapper=True, error_model="numpy", **options)
-    return decorator
+    class Compiling(event.Listener):
+        def on_start(self, event: Any) -> None:
+            _TURN.__enter__()
+
+        def on_end(self, event: Any) -> None:
+            _TURN.__exit__()
+
+    event.register("numba:compiler_lock", Compiling())
+    return numba
 
 
-def _compiled(function: Callable[..., Any]) -> Any:
+def compiled_form(decorator: Callable[..., Any], function: Callable[..., Any], **options: bool) -> Any:
+    """Return what a decorator of numba makes of a function, kept in the folder for code of these sources.
+
+    The arithmetic is that of numpy: a division by zero gives infinity or NaN. numba checks only a function's own file,
+    although code that it calls is compiled into it; the name of the folder contains a key of all sources.
+    """
+    config, folder = imported_numba().config, code_folder()
+    before = config.CACHE_DIR
+    config.CACHE_DIR = before if folder is None else str(folder)
     try:
-        made = _numba_jit(cache=True)(function)
+        return decorator(cache=True, error_model="numpy", **options)(function)
     except RuntimeError:  # numba: "cannot cache function: no locator available"
-        return _numba_jit()(function)
-    # numba checks only a function's own file, although code that it calls is compiled into it. After a change elsewhere
-    # it would use the old code. Internal names may change with its versions.
-    with contextlib.suppress(AttributeError):
-        file = made._cache._cache_file
-        file._source_stamp = (*file._source_stamp, *source_stamp())
-        file._load_index = _readable(file._load_index)
-        # Two processes that compile one function for different arguments at once would give both files one name, and
-        # the index of one of them would stand beside the code of the other.
-        file._data_name = own_name(file._data_name)
-    return made
-
-
-def _readable(load: Callable[[], Any]) -> Callable[[], Any]:
-    """Return a function that finds nothing in an index which names classes that this version no longer has."""
-
-    def load_index() -> Any:
-        try:
-            return load()
-        except (ImportError, AttributeError):
-            return {}
-
-    return load_index
+        return decorator(error_model="numpy", **options)(function)
+    finally:
+        config.CACHE_DIR = before
 
 
 def plain_form(kernel: Any) -> Callable[[F], F]:

@@ -16,6 +16,8 @@ from contextvars import ContextVar
 from functools import wraps
 from typing import Any, NamedTuple, TypeVar
 
+from vofem.errors import ArgumentError
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -30,8 +32,17 @@ class _Mode(NamedTuple):
     deadline: float
 
 
-#: Decision of the environment variable VOFEM_COMPILED.
-_ASKED = {"1": _Mode(True, float("inf")), "0": _Mode(False, float("inf"))}.get(os.environ.get("VOFEM_COMPILED", ""))
+def _asked() -> _Mode | None:
+    """Return the decision of the environment variable VOFEM_COMPILED."""
+    asked = os.environ.get("VOFEM_COMPILED", "")
+    if asked not in ("", "0", "1"):
+        raise ArgumentError(
+            f"the environment variable VOFEM_COMPILED is {asked!r}, expected 1 for compiled code or 0 for plain Python"
+        )
+    return _Mode(asked == "1", float("inf")) if asked else None
+
+
+_ASKED = _asked()
 
 _MODE: ContextVar[_Mode | None] = ContextVar("vofem: how kernels run", default=_ASKED)
 

@@ -51,6 +51,11 @@ class FrictionLaws(ListedLaws):
 
     laws: tuple[FrictionLaw, ...]
 
+    @property
+    def special(self) -> bool:
+        """Whether a slider is more than a law with a memory: it is rigid, or its normal force varies."""
+        return any(np.isinf(law.stiffness) or law.contact is not None or law.varies is not None for law in self.laws)
+
     def nonlinearity(self, method: str) -> str | None:
         """Return why the sliders are not linear while their status lasts: belts whose speed has no closed form."""
         for law in self.laws:
@@ -66,14 +71,9 @@ class FrictionLaws(ListedLaws):
         return None
 
     def refusal(self, what: str) -> str:
-        """Return why something cannot treat sliders, and what to do instead."""
-        constant = all(law.contact is None and law.varies is None for law in self.laws)
-        runs = "methods 'event_driven', " if constant else "methods "
-        orbits = "" if self.orbit_refusal() is not None else ", and orbits by shooting"
-        return (
-            f"{what} does not treat {self.labels[0]}; simulate with the {runs}'energy_conserving', "
-            f"'generalized_alpha' or 'central_difference'{orbits} does"
-        )
+        """Return why a function cannot treat sliders, and what to do instead."""
+        orbits = "" if self.orbit_refusal() is not None else " and orbits by shooting"
+        return f"{what} does not treat {self.labels[0]}; runs in time{orbits} do; use these, or leave the slider out"
 
     def orbit_refusal(self) -> str | None:
         """Return why shooting cannot treat the sliders, and what to do instead; None for rigid ones without belts."""

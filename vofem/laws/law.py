@@ -96,6 +96,11 @@ class Law:
         """Whether the law has internal variables."""
         return self.past.size > 0
 
+    @property
+    def in_python(self) -> bool:
+        """Whether the function is one of Python, which loops call back."""
+        return not isinstance(self.function, CompiledFunction)
+
     def virgin(self) -> Array:
         """Return what a run keeps of the law before any load: energy dissipated (J) and z; nothing without past."""
         return np.append(0.0, self.past) if self.past.size else self.past
@@ -193,15 +198,19 @@ def force_over(laws: Laws, j: int, way: Way, u0: float, u1: float, r1: float, be
 
 
 @jit
-def slope_over(laws: Laws, j: int, way: Way, u0: float, u1: float) -> float:
-    """Return the slope of `force_over` over u1; in explicit steps over the rate, on which only dampers depend."""
+def slope_over(laws: Laws, j: int, way: Way, u0: float, u1: float, force: float) -> float:
+    """Return the slope of `force_over`, whose answer is given, over u1; in explicit steps over the rate.
+
+    Only dampers depend on the rate.
+    """
     if way.explicit:
         return damper_over(laws, j, way, u0, u1, 1.0)
     slope = ask(laws, j, TANGENT, u1, u1)
     if way.mean:
         slope *= 0.5
         if u1 != u0:
-            mean, end = ask(laws, j, MEAN, u0, u1), ask(laws, j, FORCE, u1, u1)
+            mean = ask(laws, j, MEAN, u0, u1) if laws.table[j, DAMPED] else force
+            end = ask(laws, j, FORCE, u1, u1)
             chord = (end - mean) / (u1 - u0)
             # On a straight piece this is half of the tangent, but for the rounding of a short path.
             if abs(chord - slope) > 1e-6 * slope + 1e-14 * (abs(end) + abs(mean)) / abs(u1 - u0):
@@ -321,7 +330,7 @@ class LawSet:
     def along(self, j: int, what: int, u: Array) -> Array:
         """Return what law j answers to a question at coordinates u, of the same shape."""
         law, u = self.laws[j], np.asarray(u, dtype=float)
-        if not isinstance(law.function, CompiledFunction):
+        if law.in_python:
             ask_it, past = law.function, self.of(j)[1:]
             return np.array([ask_it(what, law.parameters, past, x, x) for x in u.ravel().tolist()]).reshape(u.shape)
         answers = np.empty(u.size)
@@ -331,7 +340,7 @@ class LawSet:
     def everywhere(self, what: int, u: Array) -> Array:
         """Return what every law answers at coordinates u, shape (n_laws, n), of the same shape."""
         u = np.ascontiguousarray(u, dtype=float)
-        if all(isinstance(law.function, CompiledFunction) for law in self.laws):
+        if not any(law.in_python for law in self.laws):
             answers = np.empty(u.shape)
             _everywhere(self.records, what, u, answers)
             return answers

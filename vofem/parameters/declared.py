@@ -191,20 +191,20 @@ def _documented(cls: type) -> str:
     return f"{text[:first].rstrip()}\n\n{section}{text[first:]}".rstrip() + "\n"
 
 
-# -- values, copies and paths -----------------------------------------------------------------------
+# -- values -----------------------------------------------------------------------
 
 
 def values_of(thing: Any, unless: Collection[str] = ()) -> dict[str, Any]:
     """Return the arguments with which an object would be made again, by name; `unless` need not be known."""
     if is_declared(type(thing)):
         values = {name: getattr(thing, name) for name in thing._declarations}
-        return values | _alone(thing, next((name for name in thing._either[1:] if values[name] is not None), None))
+        return values | alone(thing, next((name for name in thing._either[1:] if values[name] is not None), None))
     parameters = list(inspect.signature(type(thing).__init__).parameters.values())[1:]
     for parameter in parameters:
         name = parameter.name
         if not hasattr(thing, name) and name not in unless and parameter.default is parameter.empty:
             raise ArgumentError(
-                f"{_shown(thing)} does not tell its argument {name!r}; make another one and give it instead of what "
+                f"{label_of(thing)} does not tell its argument {name!r}; make another one and give it instead of what "
                 "changes"
             )
     return {p.name: getattr(thing, p.name) for p in parameters if hasattr(thing, p.name)}
@@ -230,51 +230,9 @@ def content_of(value: Any) -> Hashable:
     raise TypeError(f"{value!r} has no content that is known")
 
 
-def changed(thing: Any, **changes: Any) -> Any:
-    """Return an object that is made anew, with some arguments changed and the others as they are.
-
-    The name of an argument may be a path, such as ``"f.amplitude"``, see `value_at`.
-
-    Raises `ArgumentError` if an argument is unknown or out of range; or if the class is not declared, and its objects
-    do not have their arguments as attributes.
-    """
-    for path in [name for name in changes if "." in name]:
-        first, _, rest = path.partition(".")
-        inner = changes.get(first, getattr(thing, _known(thing, first, path)))
-        changes[first] = changed(inner, **{rest: changes.pop(path)})
-    values = values_of(thing, changes)
-    if is_declared(type(thing)):
-        values |= _alone(thing, next((name for name in thing._either if name in changes), None))
-    return type(thing)(**values | changes)
-
-
-def _alone(thing: Any, given: str | None) -> dict[str, None]:
+def alone(thing: Any, given: str | None) -> dict[str, None]:
     """Return None for the parameters in whose place another one is given."""
     return {} if given is None else {name: None for name in thing._either if name != given}
-
-
-def value_at(thing: Any, path: str) -> Any:
-    """Return the value of a parameter at a path of attributes, such as ``"gap"`` or ``"f.amplitude"``.
-
-    Raises `ArgumentError` if there is none. The message gives the nearest name.
-    """
-    for part in path.split("."):
-        thing = getattr(thing, _known(thing, part, path))
-    return thing
-
-
-def _known(thing: Any, name: str, path: str) -> str:
-    names = tuple(values_of(thing)) if hasattr(type(thing), "_declarations") else ()
-    if name not in names:
-        raise ArgumentError(
-            f"{_shown(thing)} has no parameter {name!r}, in {path!r}; it has {', '.join(names) or 'none'}"
-            f"{nearest(name, names)}"
-        )
-    return name
-
-
-def _shown(thing: Any) -> str:
-    return str(thing.describe()) if hasattr(thing, "describe") else repr(thing)
 
 
 # -- tables of scene files --------------------------------------------------------------------------
@@ -401,3 +359,39 @@ def schema_of(cls: type) -> dict[str, Any]:
 def writable(cls: type) -> bool:
     """Return whether scene files can hold objects of a class: its parameters are declared, and none is a function."""
     return is_declared(cls) and all(one.kind.writable for one in declarations(cls).values())
+
+
+@dataclass(frozen=True)
+class OneOf(Kind):
+    """An object of some class, in scene files a table with one key that names the class."""
+
+    text: str = ""
+    classes: Mapping[str, type] = field(default_factory=dict)  #: Declared classes by their names in scene files.
+    expected: str = "a table with one key"  #: An example, for messages.
+
+    def names(self) -> str:
+        """Return the names, for messages."""
+        return ", ".join(self.classes)
+
+    def read(self, value: Any, place: Place) -> Any:
+        """Return the object."""
+        if not isinstance(value, dict) or len(value) != 1:
+            return place.expected(self.expected, value)
+        ((name, content),) = value.items()
+        if name not in self.classes:
+            hint = nearest(name, tuple(self.classes)) or f"; expected one of {self.names()}"
+            return place.key(name).report(f"unknown key{hint}")
+        return read(self.classes[name], content, place.key(name))
+
+    def write(self, value: Any, book: Book) -> Any:
+        """Return the table."""
+        for name, cls in self.classes.items():
+            if type(value) is cls:
+                return {name: write_inside(value, book)}
+        raise Unwritable(f"{value!r} cannot be written to a scene file; expected {self.expected}")
+
+    def described(self) -> dict[str, Any]:
+        """Return a table with one of the keys."""
+        tables = {name: schema_of(cls) for name, cls in self.classes.items()}
+        return {"type": "object", "properties": tables, "minProperties": 1, "maxProperties": 1,
+                "additionalProperties": False, **super().described()}  # fmt: skip

@@ -272,8 +272,36 @@ class Numbers(Kind):
         return {"type": "array", "items": self.each.described(), "minItems": 1, **super().described()}
 
 
+class Either(Kind):
+    """A value of one of several kinds, which scene files tell apart: a number, an array, or a table."""
+
+    def forms(self) -> tuple[Kind | None, Kind | None, Kind | None]:
+        """Return the kinds of a number, of an array and of a table, None where there is no such form."""
+        raise NotImplementedError
+
+    def read(self, value: Any, place: Place) -> Any:
+        """Return what the kind of this form reads."""
+        number, array, table = self.forms()
+        form = table if isinstance(value, dict) else array if isinstance(value, list) else number
+        if form is None or isinstance(value, bool) or not isinstance(value, (int, float, list, dict)):
+            return place.expected(self.expected, value)
+        return form.read(value, place)
+
+    def write(self, value: Any, book: Book) -> Any:
+        """Return what the kind of this form writes."""
+        number, array, table = self.forms()
+        form = array if np.ndim(value) else number if isinstance(value, (int, float, np.number)) else table
+        if form is None:
+            raise Unwritable(f"{value!r} cannot be written to a scene file; expected {self.expected}")
+        return form.write(value, book)
+
+    def described(self) -> dict[str, Any]:
+        """Return all forms."""
+        return {"anyOf": [form.described() for form in self.forms() if form is not None], **super().described()}
+
+
 @dataclass(frozen=True)
-class RealOrArray(Kind):
+class RealOrArray(Either):
     """One number, or an array of them."""
 
     each: Real = ANY_NUMBER
@@ -286,6 +314,10 @@ class RealOrArray(Kind):
         """What one is."""
         return f"{self.each.expected}, or an array of these"
 
+    def forms(self) -> tuple[Kind | None, Kind | None, Kind | None]:
+        """Return both."""
+        return self.each, Numbers(each=self.each), None
+
     def check(self, what: str, value: Any) -> float | NDArray[np.float64]:
         """Return a float or an array of one dimension, whose entries are within the limits."""
         if np.ndim(value) == 0:
@@ -296,21 +328,6 @@ class RealOrArray(Kind):
         for k, one in enumerate(values.tolist()):
             self.each.check(f"{what}[{k}]", one)
         return values
-
-    def read(self, value: Any, place: Place) -> Any:
-        """Return a float or an array."""
-        if not isinstance(value, list):
-            return self.each.read(value, place)
-        read = Numbers(each=self.each).read(value, place)
-        return place.expected(self.expected, value) if not value else read
-
-    def write(self, value: Any, book: Book) -> Any:
-        """Return a plain float or plain floats."""
-        return Numbers().write(value, book) if np.ndim(value) else self.each.write(value, book)
-
-    def described(self) -> dict[str, Any]:
-        """Return both."""
-        return {"anyOf": [self.each.described(), Numbers(each=self.each).described()], **super().described()}
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ class OrbitSensitivities(MotionSensitivities):
         self.orbit = orbit
         sliders = scene.model.system.sliders
         if sliders is not None:
-            raise MethodError(f"sensitivities: {sliders.refusal('a derivative of an orbit')}")
+            raise MethodError(sliders.refusal("sensitivities"))
         changes = without_state(system_changes(scene, chosen), chosen, "an orbit does not depend on an initial state")
         super().__init__(scene, result, chosen, changes)
         n = self._modal.size

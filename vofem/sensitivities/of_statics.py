@@ -29,6 +29,9 @@ class OfParameters:
         self._scene = scene
         self.parameters = parameters
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(self.names)})"
+
     @property
     def names(self) -> list[str]:
         """Names of the parameters."""

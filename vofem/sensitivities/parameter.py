@@ -200,7 +200,8 @@ def _lookup(parameter: Parameter, things: tuple[Any, ...], target: Any) -> Any:
         names = tuple(str(thing.name) for thing in things if isinstance(getattr(thing, "name", None), str))
         count = "no object of the scene has" if not named else f"{len(named)} objects of the scene have"
         cure = nearest(target, names) if not named else "; give the object itself"
-        raise ArgumentError(f"{parameter.describe()}: {count} the name {target!r}; there are {list(names)}{cure}")
+        listed = ", ".join(map(repr, names)) or "none"
+        raise ArgumentError(f"{parameter.describe()}: {count} the name {target!r}; there are {listed}{cure}")
     return named[0]
 
 

@@ -74,7 +74,7 @@ def checked_plan(
                 raise ArgumentError(f"simulate: dt was given, but {chosen} has no step; leave it out")
             raise ArgumentError(
                 f"simulate: dt was given, but method='auto' takes {chosen} for this scene, which has no step; leave "
-                f"dt out, or choose a method that steps: {advice(system, steps=True)}"
+                f"dt out, or use {advice(system, steps=True)}"
             )
         wanted = np.linspace(0.0, t_end, 1001) if wanted is None else wanted
     if tol is not None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -21,8 +22,8 @@ class Explanation(Shown):
 
     Attributes
     ----------
-    bodies, effects : tuple of str
-        A line for each body and each effect.
+    bodies, effects, start : tuple of str
+        A line for each body, for each effect, and for each body that does not start at rest in its place.
     unknowns : int
         Number of free degrees of freedom.
     method, why : str
@@ -33,6 +34,7 @@ class Explanation(Shown):
 
     bodies: tuple[str, ...]
     effects: tuple[str, ...]
+    start: tuple[str, ...]
     unknowns: int
     method: str
     why: str
@@ -41,6 +43,7 @@ class Explanation(Shown):
     def __str__(self) -> str:
         lines = ["Bodies", *(f"  {line}" for line in self.bodies)]
         lines += ["Effects", *(f"  {line}" for line in self.effects or ("none",))]
+        lines += ["Start", *(f"  {line}" for line in self.start or ("at rest",))]
         lines += [f"Unknowns: {self.unknowns}", f"Method: {self.method}, because {self.why}"]
         lines.append(f"Not simulated: {', '.join(self.absent) or 'nothing is left out'}")
         return "\n".join(lines)
@@ -66,6 +69,23 @@ _KINDS: tuple[tuple[str, Callable[[System], bool]], ...] = (
 )
 
 
+def _start_of(scene: Scene) -> tuple[str, ...]:
+    """Return what a scene says of its start, a line for each body."""
+    given = scene.initial
+    if not isinstance(given, Mapping):
+        return () if given is None else (f"all bodies: {given.source}",)
+
+    def shown(value: Any, unit: str) -> str:
+        return f"{value!r}, a function of x" if callable(value) else f"{value:g} {unit}"
+
+    return tuple(
+        f"{body.label}: {state.source}"
+        if hasattr(state, "state_of")
+        else f"{body.label}: displacement {shown(state[0], 'm')}, velocity {shown(state[1], 'm/s')}"
+        for body, state in given.items()
+    )
+
+
 def explain(scene: Scene, t_end: float | None = None, tol: float | None = None) -> Explanation:
     """Return what will be simulated, by which method and why, and what is left out.
 
@@ -85,6 +105,7 @@ def explain(scene: Scene, t_end: float | None = None, tol: float | None = None) 
     return Explanation(
         bodies=tuple(body.summary() for body in scene.bodies),
         effects=tuple(effect.describe() for effect in scene.effects),
+        start=_start_of(scene),
         unknowns=system.size,
         method=choice.method,
         why=choice.why,

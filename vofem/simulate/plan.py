@@ -40,7 +40,8 @@ class Plan:
     start: State | None = None  #: State with which the run begins instead of the scene's initial state.
     t_start: float = 0.0  #: Time of the loads in s at which the run begins.
     forgotten: tuple[str, ...] = ()  #: Names of springpots and sliders whose past is lost.
-    compiled: bool | None = None  #: Whether kernels are compiled. Without it this is decided when the run begins.
+    compiled: bool | None = None  #: Whether kernels were asked to be compiled; None where nobody has decided.
+    ran: bool | None = None  #: Whether they are, once the run has begun.
 
 
 def run_plan(
@@ -60,14 +61,16 @@ def run_plan(
     reason = method.refusal(system)
     if reason is not None:
         raise MethodError(reason)
-    wanted = plan.compiled if plan.compiled is not None else decided()
-    choice = choose(kind_of_run(method, system), wanted)
+    asked = plan.compiled if plan.compiled is not None else decided()
+    choice = choose(kind_of_run(method, system), plan.ran or None if asked is None else asked)
+    if choice.compiled and plan.ran is False:
+        snapshot = None
     hint = ""
     if not method.exact and "tol" in plan.options:
         better = exact_instead(system, plan.t_end, plan.options["tol"])
         hint = f"{better} needs no steps here" if better else ""
     while True:
-        planned = replace(plan, compiled=choice.compiled)
+        planned = replace(plan, compiled=asked, ran=choice.compiled)
         save = None if writer is None else writer(planned)
         first = _COMPILING.format(plan.method) if choice.first else ""
         begun = time.thread_time()
@@ -79,7 +82,8 @@ def run_plan(
             ):
                 result = _run(scene, planned, None if run_progress.idle else run_progress, snapshot)
         except Outgrown:
-            choice = choice.instead()
+            # Anew, and not from a snapshot of plain Python: no run mixes what both ways round.
+            choice, snapshot = choice.instead(), None
             continue
         if not (result.interrupted and choice.first):
             choice.done(time.thread_time() - begun)
@@ -136,7 +140,7 @@ def _run(scene: Scene, plan: Plan, observer: RunProgress | None, snapshot: dict[
     recorded = _recorded(plan.probes, solution)
     return Result(
         scene, plan.method, solution, recorded, model=model, t_start=plan.t_start, start=plan.start,
-        compiled=plan.compiled is not False,
+        compiled=plan.ran is not False,
     )  # fmt: skip
 
 

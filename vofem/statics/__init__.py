@@ -1,8 +1,6 @@
 """Statics: equilibrium with contact, and load paths with hysteresis."""
 
-from vofem.statics.contact_equilibrium import equilibrium
-from vofem.statics.load_path import quasi_static
-from vofem.statics.outcome import Equilibrium, StaticContact
-from vofem.statics.path_outcome import ContactPath, QuasiStatic, SpringPath
+from vofem.statics.equilibria import equilibrium, quasi_static
+from vofem.statics.outcome import ContactPath, Equilibrium, QuasiStatic, SpringPath, StaticContact
 
 __all__ = ["ContactPath", "Equilibrium", "QuasiStatic", "SpringPath", "StaticContact", "equilibrium", "quasi_static"]

@@ -16,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
+from vofem.assembly import Model
 from vofem.errors import SingularSystemError
 from vofem.integrators.rounding import graded
 from vofem.laws import CLOSED, OPEN, PINNED, LawSet
 from vofem.laws.law import FORCE, TANGENT
 from vofem.laws.rows import all_rows
+from vofem.linalg.null_space import null_space
 from vofem.statics.coordinates import Coordinates
-from vofem.statics.line_search import lowest
 from vofem.system import System
 
 Status = NDArray[np.int64]
@@ -94,6 +95,26 @@ def solver_of(system: System) -> Solve:
         return np.asarray(respond(right - held.T @ (balance @ (system.rigid.T @ right))))
 
     return balanced
+
+
+def check_held(model: Model, rows: Array | None) -> None:
+    """Raise `SingularSystemError` if neither supports nor the given contact rows resist some rigid motion."""
+    rigid = model.system.rigid
+    if not rigid.shape[1]:
+        return
+    contacts = np.zeros((0, rigid.shape[0])) if rows is None else rows
+    free = null_space(contacts @ rigid, np.abs(contacts) @ np.abs(rigid))
+    if not free.shape[1]:
+        return
+    loose = rigid @ free[:, 0]
+    full = np.abs(model.expand(loose[:, None])[:, 0])
+    weights = {body: full[start : start + body.size].max() for body, start in model.offsets.items()}
+    body = max(weights, key=lambda b: float(weights[b]))
+    by = "its supports" if model.system.contacts is None else "its supports and the contacts that carry load"
+    raise SingularSystemError(
+        f"{body.label} can move freely: {by} do not hold it, so it has no equilibrium. "
+        "Add a support or a spring; its motion in time can be simulated"
+    )
 
 
 class EquilibriumSolver:
@@ -267,13 +288,18 @@ class EquilibriumSolver:
         return bool(np.all(((before == status) & (miss <= _AGREE * scale)) | held))
 
     def _line_search(self, u: Array, w: Array, du: Array, dw: Array, width: float) -> float:
-        """Return the length of the step along a direction at which the energy is least."""
+        """Return the fraction of a step in (0, 1] at which the convex energy is least, by bisection on its slope."""
 
-        def derivative(x: float) -> float:
-            reaction = self._law(u + x * du, width)[0]
-            return float(du @ (reaction - (w + x * dw)))
+        def falls(x: float) -> bool:
+            return float(du @ (self._law(u + x * du, width)[0] - (w + x * dw))) <= 0.0
 
-        return lowest(derivative)
+        if falls(1.0):
+            return 1.0
+        low, high = 0.0, 1.0
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if falls(middle) else (low, middle)
+        return 0.5 * (low + high)
 
     def _pinned(self, factor: float, u: Array, w: Array, status: Status, width: float) -> tuple[Array, Array, Status]:
         """Return u, reactions and status with pinned contacts held at their gap exactly.

@@ -9,10 +9,10 @@ import numpy as np
 
 from vofem._validate import whole
 from vofem.arrays import Array
+from vofem.bodies.axis import ByNode
 from vofem.bodies.base import Body, touching
 from vofem.bodies.beam import Beam
 from vofem.bodies.kinds import Section
-from vofem.bodies.supports import ByNode
 from vofem.errors import ArgumentError
 from vofem.parameters import changed, declarations, values_of
 from vofem.scene import Scene, as_scene

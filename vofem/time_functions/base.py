@@ -10,11 +10,11 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import number
+from vofem._validate import number, wrong
 from vofem.arrays import Array
 from vofem.errors import ArgumentError, LoadError
 from vofem.parameters import Kind, OneOf, Real, Unwritable, declared
-from vofem.parameters.nested import read_number_or
+from vofem.parameters.kinds import Either
 from vofem.parameters.place import INVALID, Book, Invalid, Place
 from vofem.time_functions.moments import gather, sampled, straight
 from vofem.time_functions.piece import Piece
@@ -51,8 +51,8 @@ class TimeFunction(ABC):
     def piece(self, t0: float) -> Piece:
         """Return the closed form that holds from t0 to the next breakpoint."""
 
-    def lines(self, t0: Array) -> tuple[Array, Array] | None:
-        """Return value and slope of the pieces from many times on; None if a piece may not be a straight line.
+    def polynomials(self, t0: Array) -> Array | None:
+        """Return value and derivatives of the pieces from many times on; None if a piece may be no cubic.
 
         Parameters
         ----------
@@ -61,12 +61,9 @@ class TimeFunction(ABC):
 
         Returns
         -------
-        values, slopes : ndarray, shape (n,)
+        ndarray, shape (4, n)
+            Values and the first three derivatives there.
         """
-        return None
-
-    def polynomials(self, t0: Array) -> Array | None:
-        """Return value and three derivatives of the pieces from many times on, (4, n); None if not all are cubics."""
         return None
 
     @property
@@ -141,9 +138,9 @@ class TimeFunction(ABC):
 class PiecewiseStraight(TimeFunction):
     """A function that is a straight line between its breakpoints."""
 
-    def lines(self, t0: Array) -> tuple[Array, Array] | None:
-        """Return values and slopes."""
-        return self(t0), self.derivative(t0)
+    def polynomials(self, t0: Array) -> Array | None:
+        """Return values, slopes and zeros."""
+        return np.stack([self(t0), self.derivative(t0), *np.zeros((2, t0.size))])
 
     def smooth_moments(self, left: Array, right: Array, width: float) -> Array:
         """Return the moments of straight lines."""
@@ -158,7 +155,7 @@ _NAMED = OneOf(classes=FUNCTIONS, expected="a function of time such as { sine = 
 
 
 @dataclass(frozen=True)
-class OfTime(Kind):
+class OfTime(Either):
     """A parameter that is a function of time: a number, a `TimeFunction` or a callable."""
 
     unit: str = ""
@@ -173,13 +170,17 @@ class OfTime(Kind):
         """What it means, and its unit."""
         return f"{self.text} In {self.unit}. A callable takes one time in s." if self.unit else self.text
 
+    def forms(self) -> tuple[Kind | None, Kind | None, Kind | None]:
+        """Return both."""
+        return Real(), None, _NAMED
+
     def check(self, what: str, value: Any) -> TimeFunction:
         """Return the function."""
-        return as_time_function(value)
+        return as_time_function(value, what)
 
     def read(self, value: Any, place: Place) -> TimeFunction | Invalid:
         """Return the function of a number or of a table."""
-        read = read_number_or(Real(), _NAMED, self.expected, value, place)
+        read = super().read(value, place)
         return read if isinstance(read, Invalid) else as_time_function(read)
 
     def write(self, value: Any, book: Book) -> Any:
@@ -190,6 +191,10 @@ class OfTime(Kind):
         if not function.written_out:
             raise Unwritable(f"{function!r} is a callable, which a scene file cannot hold; use one of {_NAMED.names()}")
         return _NAMED.write(function, book)
+
+    def described(self) -> dict[str, Any]:
+        """Return the definition that all functions of time share."""
+        return Kind.described(self)
 
 
 @dataclass(frozen=True)
@@ -257,15 +262,11 @@ class Sum(TimeFunction):
         """Return the sum of the moments."""
         return np.sum([term.smooth_moments(left, right, width) for term in self.terms], axis=0)
 
-    def lines(self, t0: Array) -> tuple[Array, Array] | None:
-        """Return the sums of values and slopes, where all terms are straight lines."""
-        values, slopes = np.zeros(np.shape(t0)), np.zeros(np.shape(t0))
-        for term in self.terms:
-            line = term.lines(t0)
-            if line is None:
-                return None
-            values, slopes = values + line[0], slopes + line[1]
-        return values, slopes
+    def polynomials(self, t0: Array) -> Array | None:
+        """Return the sum of the terms' polynomials, where all have some."""
+        parts = [term.polynomials(t0) for term in self.terms]
+        known = [part for part in parts if part is not None]
+        return np.sum(known, axis=0) if len(known) == len(parts) else None
 
     def piece(self, t0: float) -> Piece:
         """Return the sum of the pieces."""
@@ -275,8 +276,34 @@ class Sum(TimeFunction):
         return total
 
 
+class Wrapped(TimeFunction):
+    """A function of time that is made of another one, `function`, and is as well known as that."""
+
+    function: TimeFunction
+
+    @property
+    def closed_form(self) -> bool:  # type: ignore[override]
+        """Whether the function has a closed form."""
+        return self.function.closed_form
+
+    @property
+    def travels(self) -> bool:  # type: ignore[override]
+        """Whether the function belongs to a load that travels."""
+        return self.function.travels
+
+    @property
+    def obstacle(self) -> str:  # type: ignore[override]
+        """What keeps the function from having a closed form."""
+        return self.function.obstacle
+
+    @property
+    def sample_spacing(self) -> float:
+        """Distance in s of the times at which a callable was evaluated."""
+        return self.function.sample_spacing
+
+
 @declared(frozen=True)
-class Scaled(TimeFunction):
+class Scaled(Wrapped):
     """A function of time multiplied by a number, written ``2 * f``."""
 
     function: Annotated[TimeFunction, OfTime("", "The function.")]
@@ -286,11 +313,6 @@ class Scaled(TimeFunction):
         """Return the values at times t."""
         return self.factor * self.function(t)
 
-    @property
-    def closed_form(self) -> bool:  # type: ignore[override]
-        """Whether the function has a closed form."""
-        return self.function.closed_form
-
     def derivative(self, t: ArrayLike, order: int = 1) -> Array:
         """Return the derivative times the factor."""
         return self.factor * self.function.derivative(t, order)
@@ -298,11 +320,6 @@ class Scaled(TimeFunction):
     def breakpoints(self, t_end: float) -> Array:
         """Return the function's breakpoints."""
         return self.function.breakpoints(t_end)
-
-    @property
-    def sample_spacing(self) -> float:
-        """The distance of the function."""
-        return self.function.sample_spacing
 
     def shortest(self, t_end: float) -> float:
         """Return the time of the function."""
@@ -316,10 +333,10 @@ class Scaled(TimeFunction):
         """Return the function's moments times the factor."""
         return self.factor * self.function.smooth_moments(left, right, width)
 
-    def lines(self, t0: Array) -> tuple[Array, Array] | None:
-        """Return the function's values and slopes times the factor."""
-        line = self.function.lines(t0)
-        return None if line is None else (self.factor * line[0], self.factor * line[1])
+    def polynomials(self, t0: Array) -> Array | None:
+        """Return the function's polynomials times the factor."""
+        known = self.function.polynomials(t0)
+        return None if known is None else self.factor * known
 
     def piece(self, t0: float) -> Piece:
         """Return the function's piece times the factor."""
@@ -411,17 +428,15 @@ class Arbitrary(TimeFunction):
         raise ArgumentError(f"load function {self._name} has no closed form; use Sine, Ramp, Tabulated, ...")
 
 
-def as_time_function(value: Any) -> TimeFunction:
-    """Return a number, a callable of t or a `TimeFunction` as a `TimeFunction`."""
+def as_time_function(value: Any, what: str = "a function of time") -> TimeFunction:
+    """Return a number, a callable of t or a `TimeFunction` as a `TimeFunction`; `what` names it in messages."""
     if isinstance(value, TimeFunction):
         return value
     if callable(value):
         return Arbitrary(value)
     if isinstance(value, str) or not np.isscalar(value):
-        raise ArgumentError(
-            f"a load's time function is {value!r}, expected a number, a callable of t, Sine, Ramp, Tabulated, ..."
-        )
-    return Constant(number("a load's time function", value))
+        raise wrong(what, repr(value), "a number, a callable of t, Sine, Ramp, Tabulated, ...")
+    return Constant(number(what, value))
 
 
 #: What `as_time_function` takes.

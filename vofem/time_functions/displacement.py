@@ -37,14 +37,19 @@ class Displacement(TimeFunction):
         """Whether the acceleration has a closed form."""
         return self.acceleration.closed_form
 
+    def _straight(self, t0: Array) -> Array | None:
+        """Return value and slope of the acceleration from times on, (2, n); None where it is not straight."""
+        known = self.acceleration.polynomials(t0)
+        return None if known is None or np.any(known[2:]) else known[:2]
+
     def _states(self, until: float) -> tuple[Array, Array]:
         """Return times at which pieces begin, (k,), and displacement and velocity there, (2, k), up to a time in s."""
         if not self._known or self._known[0][0] < until:
             end = max(2.0 * until, 1.0)
             edges = np.concatenate([[0.0], self.acceleration.breakpoints(end)])
-            straight = self.acceleration.lines(edges)
+            straight = self._straight(edges)
             if straight is not None:
-                h, (c, s) = np.diff(edges), (part[:-1] for part in straight)
+                h, (c, s) = np.diff(edges), straight[:, :-1]
                 velocity = self.velocity + np.concatenate([[0.0], np.cumsum(h * (c + h * s / 2.0))])
                 way = h * (velocity[:-1] + h * (c / 2.0 + h * s / 6.0))
                 states = np.stack([self.displacement + np.concatenate([[0.0], np.cumsum(way)]), velocity])
@@ -63,7 +68,7 @@ class Displacement(TimeFunction):
         edges, states = self._states(float(np.max(flat, initial=0.0)))
         place = np.clip(np.searchsorted(edges, flat, side="right") - 1, 0, None)
         late, (d, v), result = flat - edges[place], states[:, place], np.empty((2, flat.size))
-        straight = self.acceleration.lines(edges[place])
+        straight = self._straight(edges[place])
         if straight is not None:
             c, s = straight
             result[0] = d + late * (v + late * (c / 2.0 + late * s / 6.0))

@@ -39,10 +39,8 @@ class Sine(TimeFunction):
     @rule("omega", "frequency")
     def _one_frequency(self) -> None:
         if (self.omega is None) == (self.frequency is None):
-            raise ArgumentError(
-                f"Sine: omega is {self.omega!r} and frequency is {self.frequency!r}, expected exactly one of them: "
-                "omega in rad/s, or frequency in Hz"
-            )
+            found = "neither omega nor frequency is" if self.omega is None else "both omega and frequency are"
+            raise ArgumentError(f"Sine: {found} given, expected one of them: omega in rad/s, or frequency in Hz")
         if self.frequency is not None:
             object.__setattr__(self, "omega", 2.0 * np.pi * self.frequency)
 

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vofem.arrays import Array
-from vofem.time_functions.base import TimeFunction, inside
+from vofem.time_functions.base import TimeFunction, Wrapped, inside
 from vofem.time_functions.piece import Piece
 
 
 @dataclass(frozen=True)
-class Shifted(TimeFunction):
+class Shifted(Wrapped):
     """``function(start + t)``: a function of time for a run that begins at the time `start`, in s."""
 
     function: TimeFunction
@@ -22,21 +22,6 @@ class Shifted(TimeFunction):
     def __call__(self, t: ArrayLike) -> Array:
         """Return the values at times t."""
         return self.function(self.start + np.asarray(t, dtype=float))
-
-    @property
-    def closed_form(self) -> bool:  # type: ignore[override]
-        """Whether the function has a closed form."""
-        return self.function.closed_form
-
-    @property
-    def travels(self) -> bool:  # type: ignore[override]
-        """Whether the function belongs to a load that travels."""
-        return self.function.travels
-
-    @property
-    def obstacle(self) -> str:  # type: ignore[override]
-        """What keeps the function from having a closed form."""
-        return self.function.obstacle
 
     def derivative(self, t: ArrayLike, order: int = 1) -> Array:
         """Return the derivative of the function at the shifted times."""
@@ -56,22 +41,13 @@ class Shifted(TimeFunction):
             early = self.start + times < known
         return inside(times, t_end)
 
-    def lines(self, t0: Array) -> tuple[Array, Array] | None:
-        """Return the function's values and slopes at the shifted times."""
-        return self.function.lines(self.start + np.asarray(t0, dtype=float))
-
     def polynomials(self, t0: Array) -> Array | None:
-        """Return the function's cubics at the shifted times."""
+        """Return the function's polynomials at the shifted times."""
         return self.function.polynomials(self.start + t0)
 
     def piece(self, t0: float) -> Piece:
         """Return the function's piece at the shifted time."""
         return self.function.piece(self.start + t0)
-
-    @property
-    def sample_spacing(self) -> float:
-        """Distance in s of the times at which a callable was evaluated."""
-        return self.function.sample_spacing
 
     def shortest(self, t_end: float) -> float:
         """Return the shortest time in s, until the end of the run, over which the function changes its course."""

@@ -34,7 +34,7 @@ class Tabulated(PiecewiseStraight):
         times, values = self.t, self.values
         if times.ndim != 1 or times.shape != values.shape or times.size < 1:
             raise ArgumentError(
-                f"Tabulated: t has shape {times.shape} and values {values.shape}, expected two equal (n,)"
+                f"Tabulated: t has shape {times.shape} and values {values.shape}, expected two equal shapes (n,)"
             )
         if np.any(np.diff(times) <= 0):
             k = int(np.argmax(np.diff(times) <= 0))

@@ -1,11 +1,18 @@
-"""What a case of the catalogue is: quantities with references, a measurement, and how every method is run on it."""
+"""Cases of the catalogue: quantities with references, how every method is run on them, and how runs are judged."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from fnmatch import fnmatchcase
+from typing import Any, Literal, get_args
 
+from vofem._validate import nearest, one_of
+from vofem.bodies import Mass
+from vofem.effects import Contact
+from vofem.errors import ArgumentError, SingularSystemError, VofemError
 from vofem.integrators import methods as built_in
 from vofem.integrators.registry import method_named, methods
 from vofem.result import Result
@@ -16,7 +23,9 @@ from vofem.studies.steady import Branch, PeriodicOrbit, continuation, periodic
 from vofem.vibration import Modes, modes
 
 #: Verdicts. "reported": beyond its tolerance, and a note of the run says so.
-PASSED, REPORTED, REFUSED, STOPPED, FAILED = "passed", "reported", "refused", "stopped", "FAILED"
+Verdict = Literal["passed", "reported", "refused", "stopped", "FAILED"]
+VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
+PASSED, REPORTED, REFUSED, STOPPED, FAILED = VERDICTS
 
 #: The methods of this package for which every case says what is expected. Methods for one law only have
 #: tests of their own.
@@ -68,7 +77,7 @@ class How:
 
     tolerance: float = 0.0  #: Tolerance of the quantities that have none of their own.
     options: Mapping[str, Any] = field(default_factory=dict)  #: Further arguments of `simulate`, such as dt.
-    expected: str = PASSED  #: PASSED, REPORTED, REFUSED or STOPPED.
+    expected: Verdict = "passed"  #: But not "FAILED".
     says: str = ""  #: Regular expression that the error message, or one of the notes, must match.
     slow: bool = False  #: Left out in quick runs.
     may_refuse: bool = False  #: Whether the method may refuse the case instead, whatever is expected of it otherwise.
@@ -153,6 +162,159 @@ def stepping(dt: float, tolerance: float = 0.0, **more: Any) -> dict[str, How]:
     return {method: How(tolerance, {"dt": dt}, **more) for method in (CONSERVING, ALPHA, CENTRAL)}
 
 
+def every(tolerance: float = 0.0, **more: Any) -> dict[str, How]:
+    """Return how all methods are run that say of themselves how long their steps are."""
+    return {method: How(tolerance, **more) for method in DYNAMIC}
+
+
 def exact(tolerance: float = 0.0, **more: Any) -> dict[str, How]:
     """Return how event_driven is run."""
     return {EVENT_DRIVEN: How(tolerance, **more)}
+
+
+def on_stop(
+    mass: Mass, gap: float, stiffness: float, start: tuple[float, float] | None = None, *more: Any,
+    side: Literal["below", "above"] = "above", damping: float = 0.0,
+) -> Scene:  # fmt: skip
+    """Return a mass before an elastic stop that is named "stop", with further effects, from a state in m and m/s."""
+    stop = Contact(mass, gap=gap, stiffness=stiffness, damping=damping, side=side, acts_on="penetration", name="stop")
+    return Scene([mass], [stop, *more], initial=None if start is None else {mass: start})
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One quantity of an outcome; error and tolerance are relative where the quantity says so."""
+
+    quantity: Quantity
+    got: float
+    error: float
+    tolerance: float
+
+    @property
+    def good(self) -> bool:
+        """Whether the error is within the tolerance; NaN is not."""
+        return self.error <= self.tolerance
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one method made of one case."""
+
+    case: Case
+    method: str
+    verdict: str  #: PASSED, REPORTED, REFUSED, STOPPED or FAILED.
+    measured: tuple[Measured, ...]  #: Empty where the run ended with an error.
+    message: str  #: Of the error, or the note that was asked for, or why it failed.
+    seconds: float
+
+    @property
+    def worst(self) -> Measured | None:
+        """The quantity whose error is largest beside its tolerance."""
+
+        def share(m: Measured) -> float:
+            if m.error == 0.0:
+                return 0.0
+            ratio = m.error / m.tolerance if m.tolerance else float("inf")
+            return ratio if ratio == ratio else float("inf")
+
+        return max(self.measured, key=share, default=None)
+
+
+def select(cases: Iterable[Case], pattern: str | None) -> tuple[Case, ...]:
+    """Return the cases whose number is a pattern, or whose label, number or source matches it.
+
+    `pattern`: a number, a part of the name, or a pattern with * and ?; all cases where not given.
+    Raises `ArgumentError` if no case matches.
+    """
+    cases = tuple(cases)
+    if pattern is None:
+        return cases
+    wanted = pattern.lower()
+    if wanted.isdigit():
+        found = tuple(case for case in cases if case.number == int(wanted))
+    else:
+        glob = wanted if any(c in wanted for c in "*?[") else f"*{wanted}*"
+        found = tuple(c for c in cases if fnmatchcase(c.label.lower(), glob) or fnmatchcase(c.source.lower(), glob))
+    if not found:
+        raise ArgumentError(
+            f"verify: no case matches {pattern!r}, expected a number of a hard case, 1 to "
+            f"{max(case.number or 0 for case in cases)}, or a part of a name, such as 'grazing' or 'code_aster'"
+        )
+    return found
+
+
+def verify(cases: Iterable[Case], method: str | None = None, quick: bool = False) -> Iterator[Outcome]:
+    """Run cases with every method that they name, or with one, and yield the outcomes.
+
+    `method`: one of `case.subjects`.
+    `quick`: whether slow runs are left out.
+    Raises `ArgumentError` for an unknown method.
+    """
+    known = subjects()
+    if method is not None and method not in known:
+        raise ArgumentError(f"verify: method is {method!r}, expected {one_of(known)}{nearest(method, known)}")
+    return _outcomes(tuple(cases), method, quick)
+
+
+def _outcomes(cases: tuple[Case, ...], method: str | None, quick: bool) -> Iterator[Outcome]:
+    for case in cases:
+        for name, how in case.hows().items():
+            if method in (None, name) and not (quick and how.slow):
+                yield judge(case, name, how)
+
+
+def judge(case: Case, method: str, how: How) -> Outcome:
+    """Run one method on one case."""
+    run = Run(method, how.options)
+    begin = time.perf_counter()
+    try:
+        values = case.measure(run)
+    except VofemError as error:
+        # Wrong arguments, scenes and steps, and structures that nothing holds, are found before the first step.
+        ended = REFUSED if isinstance(error, (ArgumentError, SingularSystemError)) else STOPPED
+        return Outcome(case, method, *_of_error(case, method, how, ended, str(error)), time.perf_counter() - begin)
+    except Exception as error:
+        message = f"{type(error).__name__}: {error}"
+        return Outcome(case, method, FAILED, (), message, time.perf_counter() - begin)
+    seconds = time.perf_counter() - begin
+    measured = tuple(_measure(case, method, how, values))
+    verdict, message = _of_values(how, measured, run.notes)
+    return Outcome(case, method, verdict, measured, message, seconds)
+
+
+def _of_error(case: Case, method: str, how: How, verdict: str, message: str) -> tuple[str, tuple[Measured, ...], str]:
+    if verdict == REFUSED and how.may_refuse:
+        return verdict, (), message
+    if how.expected != verdict:
+        return FAILED, (), f"{verdict}, expected {how.expected}: {message}"
+    if not re.search(how.says, message):
+        return FAILED, (), f"{verdict}, but the message says nothing of {how.says!r}: {message}"
+    named = re.findall(r"method='(\w+)'", message)
+    able = {name for name in DYNAMIC if name in case.how and case.how[name].expected in (PASSED, REPORTED)}
+    if verdict == REFUSED and named and able and not able & set(named):
+        return FAILED, (), f"refused, but no method that the message names passes: {message}"
+    if verdict == REFUSED and method in DYNAMIC and able and not named:
+        return FAILED, (), f"refused, but the message names no method that passes: {message}"
+    return verdict, (), message
+
+
+def _of_values(how: How, measured: tuple[Measured, ...], notes: list[str]) -> tuple[str, str]:
+    if how.expected not in (PASSED, REPORTED):
+        return FAILED, f"ran to its end, expected {how.expected}"
+    note = next((note for note in notes if re.search(how.says, note)), None) if how.says else ""
+    good = all(m.good for m in measured)
+    if good and how.expected == REPORTED:
+        return PASSED, note or ""
+    if note is None:
+        return FAILED, f"no note says {how.says!r}; there are {notes}"
+    if good:
+        return PASSED, note
+    return (REPORTED, note) if how.expected == REPORTED else (FAILED, "beyond its tolerance")
+
+
+def _measure(case: Case, method: str, how: How, values: Mapping[str, float]) -> Iterator[Measured]:
+    for quantity in case.quantities:
+        tolerance = quantity.within(counterpart(method), how.tolerance)
+        if tolerance is not None:
+            got = float(values[quantity.name])
+            yield Measured(quantity, got, quantity.error(got), tolerance)

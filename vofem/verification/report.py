@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from xml.etree import ElementTree
 
 from vofem.integrators.registry import method_names
-from vofem.verification.case import FAILED, PASSED, REFUSED, REPORTED, STOPPED, subjects
-from vofem.verification.runner import Measured, Outcome
+from vofem.verification.case import FAILED, PASSED, VERDICTS, Measured, Outcome, subjects
 
 HEADINGS = ("case", "source", "quantity", "reference", "got", "error", "tolerance", "method", "verdict")
 
@@ -53,9 +52,7 @@ def _line(row: Sequence[str]) -> str:
 def summary(outcomes: Iterable[Outcome]) -> str:
     """Return the number of runs of every verdict, on one line."""
     outcomes = tuple(outcomes)
-    counts = {
-        verdict: sum(o.verdict == verdict for o in outcomes) for verdict in (PASSED, REPORTED, REFUSED, STOPPED, FAILED)
-    }
+    counts = {verdict: sum(o.verdict == verdict for o in outcomes) for verdict in VERDICTS}
     cases = len({o.case.name for o in outcomes})
     said = ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count or verdict == FAILED)
     return f"{cases} cases, {len(outcomes)} runs: {said}"
@@ -119,7 +116,6 @@ def _matrix(heading: str, names: Sequence[str], outcomes: Sequence[Outcome]) -> 
     return [heading, "", *_table(("case", *names), lines), ""]
 
 
-_VERDICTS = (PASSED, REPORTED, REFUSED, STOPPED, FAILED)
 _HARD = "hard cases of this package"
 _PROGRAMS = ("code_aster", "VPCS", "ANSYS", "NLvib")
 _ORIGINS = (_HARD, *_PROGRAMS, "other publications")
@@ -139,10 +135,10 @@ def _counts(
     for name in names:
         mine = [outcome for outcome in outcomes if name_of(outcome) == name]
         if mine:
-            counts = [sum(outcome.verdict == verdict for outcome in mine) for verdict in _VERDICTS]
+            counts = [sum(outcome.verdict == verdict for outcome in mine) for verdict in VERDICTS]
             cases = len({outcome.case.name for outcome in mine})
             lines.append((name, *map(str, (cases, *counts))))
-    return _table((heading, "cases", *_VERDICTS), lines, numbers=True)
+    return _table((heading, "cases", *VERDICTS), lines, numbers=True)
 
 
 def _table(headings: Sequence[str], lines: Iterable[Sequence[str]], numbers: bool = False) -> list[str]:

@@ -183,10 +183,6 @@ def exosystem(functions: Sequence[TimeFunction], edges: Array, *, constant: bool
     lines, waves = np.zeros((k, 2, len(functions))), [dict[tuple[int, float], complex]() for _ in range(k)]
     bends = np.zeros((k, 2, len(functions)))
     for f, function in enumerate(functions):
-        straight = function.lines(begin)
-        if straight is not None:
-            lines[:, 0, f], lines[:, 1, f] = straight
-            continue
         cubic = function.polynomials(begin)
         if cubic is not None:
             lines[:, :, f], bends[:, :, f] = cubic[:2].T, cubic[2:].T

@@ -87,17 +87,13 @@ class Flow:
         """Contact status at the end."""
         return self.solution.record.last_status
 
-    def rate(self, *, at_start: bool) -> Array:
-        """Return the rates of displacement and velocity at the start (just after it) or the stop, shape (2n,)."""
-        solution = self.solution
-        laws = solution.system.contacts
-        if at_start:
-            time, displacement, velocity = self.start.time, self.start.displacement, self.start.velocity
-            status = solution.record.status(0)
-        else:
-            time, displacement, velocity, status = self.stop, self.displacement, self.velocity, self.status
-        a = acceleration(solution.space, laws, status, displacement, velocity, solution.load(time))
-        return np.concatenate([velocity, a])
+    @property
+    def rate(self) -> Array:
+        """Rates of displacement and velocity at the stop, shape (2n,)."""
+        space, load = self.solution.space, self.solution.load(self.stop)
+        laws = self.solution.system.contacts
+        a = acceleration(space, laws, self.status, self.displacement, self.velocity, load)
+        return np.concatenate([self.velocity, a])
 
     @cached_property
     def sizes(self) -> tuple[float, float]:

@@ -10,6 +10,7 @@ The columns of B belong to the values of the loads and, after them, to their rat
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -410,22 +411,39 @@ class Motion:
         displacement, velocity = self.regime.to_modes(self.changes(tau))
         return displacement.T, velocity.T
 
-    def sampled(self, rows: Array, low: float, high: float, count: int) -> tuple[Array, Array, Array]:
-        """Return times, at least so many equal steps, and modal rows (k, n) of displacements and velocities there."""
+    def sampled(self, rows: Array, edges: Sequence[float], counts: Sequence[int]) -> tuple[Array, Array, Array]:
+        """Return times, in at least so many equal steps from edge to edge, and modal rows (k, n) of the motion there.
+
+        These are displacements and velocities, each (k, n_times).
+        """
         blocks, over = self.regime.blocks, self.regime.over_blocks(rows)
-        fine = max(int(np.sqrt(count)), 1) if blocks.group is None and count * blocks.of.shape[1] > _FEW_NUMBERS else 1
-        tau = np.linspace(low, high, -(-count // fine) * fine + 1)
-        changes = flat(self.changes(tau[::fine]))
+        fine = [
+            max(int(np.sqrt(count)), 1) if blocks.group is None and count * blocks.of.shape[1] > _FEW_NUMBERS else 1
+            for count in counts
+        ]
+        steps = [-(-count // each) * each for count, each in zip(counts, fine, strict=True)]
+        parts = [
+            low + (high - low) / count * np.arange(count)
+            for low, high, count in zip(edges[:-1], edges[1:], steps, strict=True)
+        ]
+        parts.append(np.array(edges[-1:]))
+        changes = flat(self.changes(np.concatenate([tau[::each] for tau, each in zip(parts, [*fine, 1], strict=True)])))
         values = over @ changes.T
-        if fine > 1:
+        if max(fine) > 1:
             # Each of these times begins a few steps over which the rows change.
-            later = row_changes(blocks, over.reshape(len(over), *self.start.shape), tau[:fine] - low)
-            more = (changes + self.start.ravel()) @ later.reshape(-1, changes.shape[1]).T
-            values = values[:, :, None] + more.reshape(len(changes), fine, len(over)).transpose(2, 0, 1)
-            values = values.reshape(len(over), -1)[:, : tau.size]
+            first, found = 0, []
+            for tau, each in zip(parts, [*fine, 1], strict=True):
+                own = slice(first, first + tau.size // each)
+                part, first = values[:, own, None], own.stop
+                if each > 1:
+                    later = row_changes(blocks, over.reshape(len(over), *self.start.shape), tau[:each] - tau[0])
+                    more = (changes[own] + self.start.ravel()) @ later.reshape(-1, changes.shape[1]).T
+                    part = part + more.reshape(-1, each, len(over)).transpose(2, 0, 1)
+                found.append(part.reshape(len(over), -1))
+            values = np.concatenate(found, axis=1)
         begin = np.concatenate([rows @ self.displacement, rows @ self.velocity])
         displacement, velocity = np.split(values + begin[:, None], 2)
-        return tau, displacement, velocity
+        return np.concatenate(parts), displacement, velocity
 
     def reactions(self, tau: Array) -> Array:
         """Return the reactions of the pinned contacts at some times, shape (k, n_times)."""

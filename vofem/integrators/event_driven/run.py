@@ -24,7 +24,7 @@ from vofem.integrators.event_driven.truncated import (
     too_many_inputs,
 )
 from vofem.integrators.methods import EVENT_DRIVEN
-from vofem.integrators.observer import Observer, Snapshot, deferred_interrupts
+from vofem.integrators.observer import Observer, Snapshot, advanced
 from vofem.integrators.reduction import loss_in_all_modes
 from vofem.integrators.registry import advice
 from vofem.integrators.rounding import graded
@@ -179,17 +179,13 @@ def _follow(
     def snapshot() -> Snapshot:
         return solution.snapshot(follower.time, follower.status, follower.displacement, follower.velocity)
 
-    with deferred_interrupts() as interrupted:
-        while follower.time < t_end:
-            follower.advance()
-            if solution.counters.events > max_events:
-                raise EventStormError(_storm(system, solution, follower.time, max_events))
-            cut = interrupted() and follower.time < t_end
-            if observer is not None:
-                observer(follower.time, snapshot, cut)
-            if cut:
-                solution.cut(follower.time)
-                break
+    def advance() -> None:
+        follower.advance()
+        if solution.counters.events > max_events:
+            raise EventStormError(_storm(system, solution, follower.time, max_events))
+
+    if not advanced(advance, lambda: follower.time >= t_end, lambda: follower.time, snapshot, observer):
+        solution.cut(follower.time)
     solution.conclude()
     return solution
 

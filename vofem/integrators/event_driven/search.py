@@ -86,14 +86,14 @@ def _add_inputs(pair: Integers, gain: Array, state: Array, out: Array) -> None:
 
 @jit
 def _evaluate(
-    tau: float, x: Array, f: Array, rows: Array, tail: int, damped: bool, pair: Integers, gain: Array, address: int,
+    tau: float, x: Array, f: Array, rows: Array, tail: int, damped: float, pair: Integers, gain: Array, address: int,
     group: Group | None, spare: Array,
 ) -> None:  # fmt: skip
     """Fill in changes, states and rates of all blocks, and values and rates of the event functions, at tau."""
     x, f, rows = borrowed(x), borrowed(f), borrowed(rows)
     m = x.shape[1]
     half_turns(x[ROOT], tau, x[_TURN], x[_SINE])
-    if damped:
+    if damped != 0.0:
         decays(x[DECAY], tau, x[_SLOWER], x[_POWER])
         decays(x[FAST], tau, x[_FASTER], x[_POWER])
     for k in range(m):
@@ -125,7 +125,7 @@ def _evaluate(
 
 @plain_form(_evaluate)
 def _evaluate_at_once(
-    tau: float, x: Array, f: Array, rows: Array, tail: int, damped: bool, pair: Integers, gain: Array, address: int,
+    tau: float, x: Array, f: Array, rows: Array, tail: int, damped: float, pair: Integers, gain: Array, address: int,
     group: Group | None, spare: Array,
 ) -> None:  # fmt: skip
     begin, moved, state, rate = x[START:_DZ], x[_DZ:_Z], x[_Z:_Z_RATE], x[_Z_RATE:_NEXT_Z]
@@ -514,7 +514,7 @@ def march(
     """
     x, f, rows, sizes, levels = borrowed(x), borrowed(f), borrowed(rows), borrowed(sizes), borrowed(levels)
     pair, gain, spare = borrowed(pair), borrowed(gain), borrowed(spare)
-    m, count, damped = x.shape[1], f.shape[1], False
+    m, count, damped = x.shape[1], f.shape[1], 0.0
     # The last time at which each function was at or below zero. If a function is above zero within rounding, its root
     # lies before `before`.
     for j in range(count):
@@ -522,7 +522,7 @@ def march(
     quickest = 0.0
     for k in range(m):
         quickest = max(quickest, x[FREQUENCY, k], 2.0 * x[DELTA, k])
-        damped = damped or x[DELTA, k] != 0.0
+        damped = max(damped, abs(x[DELTA, k]))
     longest = _prepare(duration, x, pair, gain, group)
     if count == 0:
         _evaluate(duration, x, f, rows, tail, damped, pair, gain, address, group, spare)

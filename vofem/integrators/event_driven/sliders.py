@@ -73,9 +73,9 @@ class Anchor(TimeFunction):
         """Return the breakpoints of the belt's speed."""
         return np.zeros(0) if self.belt is None else self.belt.breakpoints(t_end)
 
-    def lines(self, t0: Array) -> tuple[Array, Array] | None:
+    def polynomials(self, t0: Array) -> Array | None:
         """Return a place that does not move, without a belt."""
-        return (np.ones_like(t0), np.zeros_like(t0)) if self.belt is None else None
+        return np.eye(4)[:, [0] * t0.size] if self.belt is None else None
 
     def piece(self, t0: float) -> Piece:
         """Return the integral of the belt's speed; its constant has no meaning."""

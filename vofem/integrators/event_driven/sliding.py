@@ -316,8 +316,6 @@ class SlidingSolution(EventSolution):
             signs = sliders.signs(record.status(int(at[mine[0]])))
             force[:, mine] = regime.sliding.forces @ states.T
             slip[:, mine] = np.where(signs[:, None] != 0.0, regime.sliding.speeds @ states.T, 0.0)
-            behind = ~sliders.rigid & (signs == 0.0)
-            slip[np.ix_(behind, mine)] = (regime.sliding.speeds @ states.T)[behind]
             status[:, mine] = signs[:, None].astype(np.int64)
             path = flat(moved) @ regime.coordinates[first:].T
             lost[:, mine] = (signs * sliders.limit)[:, None] * path.T

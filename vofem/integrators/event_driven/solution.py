@@ -31,6 +31,7 @@ from vofem.integrators.event_driven.sensitivity import Perturbation
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.integrators.event_driven.table import Statuses
 from vofem.integrators.event_driven.tangent import Event, acceleration
+from vofem.integrators.observer import interruption
 from vofem.integrators.registry import advice
 from vofem.integrators.unclosed import never_closed, open_throughout
 from vofem.kernels.mode import as_it_ran, compiled, kernels
@@ -197,7 +198,7 @@ class EventSolution:
 
     def cut(self, t: float) -> None:
         """End the run at time t, before its end."""
-        self.notes.append(f"interrupted at t = {t:g} s of {self.t_end:g} s: what was computed until then is here")
+        self.notes.append(interruption(t, self.t_end))
         self.t_end = t
         self.times = self.times[self.times <= t]
         self.was_cut = True

@@ -6,7 +6,7 @@ import numpy as np
 
 from vofem.arrays import Array, IntArray
 from vofem.integrators.base import Energies, ProbeRows, Samples, SpringSamples
-from vofem.integrators.observer import Observer, Snapshot, deferred_interrupts
+from vofem.integrators.observer import Observer, Snapshot, advanced, interruption
 from vofem.integrators.stepped import SteppedSolution
 from vofem.integrators.stepping.checks import check_times
 from vofem.integrators.stepping.energies import contact_energy, stored_energy, strain_energy
@@ -45,26 +45,21 @@ def march(
             "log": np.concatenate([np.empty((0, 3)), *log]), "missing": list(missing),
         }  # fmt: skip
 
-    with deferred_interrupts() as interrupted:
-        while not run.finished:
-            run.advance(out)
-            log += run.switches.log
-            run.switches.log = []
-            excess = _check(run, out, energy, dt, blow_up)
-            if run.method.conserves and abs(excess) > abs(missing[0]):
-                missing = excess, run.reached()
-            stop = interrupted() and not run.finished
-            if observer is not None:
-                observer(run.reached(), snapshot, stop)
-            if stop:
-                kept = np.flatnonzero(out.wanted[: out.cursor])
-                if not kept.size:
-                    raise KeyboardInterrupt
-                notes.append(
-                    f"interrupted at t = {run.reached():g} s of {t_end:g} s: what was computed until then is here"
-                )
-                t_end = float(out.times[kept[-1]])
-                break
+    def advance() -> None:
+        nonlocal missing
+        run.advance(out)
+        log.extend(run.switches.log)
+        run.switches.log = []
+        excess = _check(run, out, energy, dt, blow_up)
+        if run.method.conserves and abs(excess) > abs(missing[0]):
+            missing = excess, run.reached()
+
+    if not advanced(advance, lambda: run.finished, run.reached, snapshot, observer):
+        kept = np.flatnonzero(out.wanted[: out.cursor])
+        if not kept.size:
+            raise KeyboardInterrupt
+        notes.append(interruption(run.reached(), t_end))
+        t_end = float(out.times[kept[-1]])
     time, which, entered = np.concatenate([np.empty((0, 3)), *log]).T
     events = Events(time.copy(), which.astype(np.int64), entered.astype(np.int64), run.initial)
     counters.events = events.time.size

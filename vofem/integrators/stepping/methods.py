@@ -82,11 +82,12 @@ from vofem.integrators.observer import Observer, Snapshot
 from vofem.integrators.registry import advice
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.energies import stored_energy
+from vofem.integrators.stepping.equal import EqualSteps
 from vofem.integrators.stepping.march import march
 from vofem.integrators.stepping.nearby import check_nearby, note_errors, note_growth
-from vofem.integrators.stepping.run import EqualSteps
 from vofem.integrators.stepping.scheme import Scheme
 from vofem.integrators.stepping.step_loads import followed, note_loads
+from vofem.integrators.stepping.structure import Structure
 from vofem.integrators.stepping.tolerance import note_tolerance, under_tolerance
 from vofem.system import Counters, State, System
 
@@ -235,9 +236,8 @@ def _implicit(method: Method, scheme: Scheme, asked: Asked, blow_up: float, advi
         return _equal(method, scheme, asked, dt, counters, notes, blow_up)
     if dt is not None:
         raise ArgumentError("simulate: dt and tol were both given; tol chooses the steps, leave out dt")
-    run = under_tolerance(
-        system, start, t_end, method, scheme, asked.tol, counters, asked.resume is not None, asked.observer
-    )
+    structure = Structure(system, method, scheme, counters)
+    run = under_tolerance(structure, start, t_end, asked.tol, counters, asked.resume is not None, asked.observer)
     _note_chatter(system, notes)
     note_loads(system, None, t_end, notes)
     stored = np.linspace(0.0, t_end, _STEPS + 1) if asked.times is None else asked.times
@@ -261,7 +261,8 @@ def _equal(
     stored = storage_times(asked.times, t_end, dt, steps, system.size, notes)
     _note_chatter(system, notes)
     note_loads(system, dt, t_end, notes)
-    run = EqualSteps(system, start, counters, t_end, method, scheme, dt, steps)
+    structure = Structure(system, method, scheme, counters)
+    run = EqualSteps(structure, start, counters, t_end, dt, steps)
     first = stored_energy(system, run.start.q, run.start.v)
     if scheme.explicit:
         a = run.path.chunk.a[0][run.back]
@@ -273,7 +274,7 @@ def _equal(
     )  # fmt: skip
 
     def again(beside: State, dt: float = dt) -> EqualSteps:
-        return EqualSteps(system, beside, Counters(), t_end, method, scheme, dt, step_count(t_end, dt))
+        return EqualSteps(structure, beside, Counters(), t_end, dt, step_count(t_end, dt))
 
     notes += note_growth(asked.nearby, run, out, again)
     if not any(note.startswith(_OF_STEPS) for note in notes):

@@ -15,10 +15,10 @@ from vofem.integrators.base import ProbeRows, ProbeSamples
 from vofem.integrators.stepped import interpolated
 from vofem.integrators.stepping.checks import check_contacts
 from vofem.integrators.stepping.kernel import Chunk
+from vofem.integrators.stepping.structure import Structure
 from vofem.kernels.jit import jit
 from vofem.laws.law import END, FORCE, HISTORY, LOSS, START, STORED, Laws, ask, commit_laws
-from vofem.laws.moving import Moving
-from vofem.system import CLOSED, OPEN, ContactLaws
+from vofem.system import CLOSED, OPEN
 
 #: Gap functions are known to this many units of rounding of the displacements and gaps of the scene.
 _ROUNDING = 64.0 * float(np.finfo(float).eps)
@@ -100,19 +100,16 @@ class Switches:
     `log` (shape (n_events, 3)): time, contact and status entered of the events.
     """
 
-    def __init__(self, laws: ContactLaws | None, rows: Any, status: IntArray) -> None:
-        self.laws, self._sizes, self._columns = laws, None, np.zeros(0, dtype=np.int64)
-        if laws is not None:
-            sizes = abs(rows[: status.size])
-            self._columns = np.unique(sizes.indices)
-            self._sizes = sizes[:, self._columns]
+    def __init__(self, structure: Structure, status: IntArray) -> None:
+        self.laws, self._columns = structure.system.contacts, structure.columns
+        self._sizes = None if self.laws is None else abs(structure.contacts)
         self.status, self.size = status.copy(), 0.0
         self.log: list[Array] = []
 
     def step_on(self, path: Path, count: int, t_end: float) -> None:
         """Take notice of the last steps of a path; set `Path.turns`."""
         laws, m = self.laws, self.status.size
-        if laws is None:
+        if laws is None or not count:
             return
         first = path.filled - count
         s = path.chunk.u[first : path.filled + 1, :m] - laws.gap
@@ -166,9 +163,10 @@ class Record:
     """
 
     def __init__(
-        self, times: Array, further: Array, n: int, laws: Laws, histories: int, pots: int, table: Array,
-        probes: ProbeRows | None, rows: Any, order: IntArray, moving: Moving | None = None,
+        self, times: Array, further: Array, structure: Structure, laws: Laws, pots: int, table: Array,
+        probes: ProbeRows | None,
     ) -> None:  # fmt: skip
+        n, histories = structure.system.size, structure.system.histories
         more = further[~np.isin(further, times)]
         wanted = np.append(np.ones(times.size, dtype=bool), np.zeros(more.size, dtype=bool))
         times = np.concatenate([times, more])
@@ -179,14 +177,9 @@ class Record:
         self.histories, self.past = np.zeros((3, histories, times.size)), laws.state.copy()
         self.cursor, self.contact_checks, self.total, self.most = 0, table, np.zeros(2 + pots), 0.0
         self.points: list[Array] = []
-        self._begun, self._laws, self._rows, self._moving = False, laws, rows, moving
-        self._contacts = rows[: table.shape[0]] if len(table) else None
-        self._columns = np.zeros(0, dtype=np.int64)
-        if self._contacts is not None:
-            self._columns = np.unique(self._contacts.indices)
-            self._contacts = self._contacts[:, self._columns]
+        self._begun, self._laws, self._structure = False, laws, structure
         self._names = () if probes is None else probes.names
-        self._points = None if probes is None else probes.rows[:, order]
+        self._points = None if probes is None else probes.rows[:, structure.order]
 
     #: What a checkpoint holds beside stored times and points.
     _STATE = ("past", "contact_checks", "total", "most", "cursor", "_begun")
@@ -249,12 +242,13 @@ class Record:
 
     def _rates(self, chunk: Chunk, t: Array, last: int) -> Array:
         """Return the rates of the contacts in the first rows of a path, shape (last + 1, n_contacts)."""
-        if self._contacts is None:
+        structure, rows = self._structure, slice(last + 1)
+        if not len(self.contact_checks):
             return np.empty((last + 1, 0))
-        rates = np.asarray((self._contacts @ chunk.v[: last + 1, self._columns].T).T)
-        if self._moving is None:
+        rates = np.asarray((structure.contacts @ chunk.v[rows, structure.columns].T).T)
+        if structure.movement is None or structure.movement.of_contacts is None:
             return rates
-        return rates + self._moving.added_rates(chunk.q[: last + 1].T, chunk.v[: last + 1].T, t[: last + 1]).T
+        return rates + structure.movement.of_contacts.added_rates(chunk.q[rows].T, chunk.v[rows].T, t[rows]).T
 
     def _store_start(self, path: Path, a: Array) -> None:
         """Store the state at t = 0 at all times that are not later."""
@@ -300,7 +294,7 @@ class Record:
         if not self.histories.shape[1]:
             return
         if laws.state.size:
-            u = np.asarray(self._rows @ self.q[begin:end].T)
+            u = np.asarray(self._structure.rows @ self.q[begin:end].T)
             _along(laws, path.chunk.past[row - 1], u, self.histories[:, :, begin:end])
             last = np.flatnonzero(self.wanted[begin:end])
             if last.size:

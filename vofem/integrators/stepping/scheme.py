@@ -8,6 +8,7 @@ import numpy as np
 
 from vofem.arrays import Array
 from vofem.integrators.stepping.kernel import Numbers, Size
+from vofem.laws.law import Way
 
 
 class Scheme(NamedTuple):
@@ -37,10 +38,13 @@ class Scheme(NamedTuple):
     def numbers(self, dt: float) -> Numbers:
         """Return the numbers of a step size in s."""
         am, af, gamma, beta, mean = self
-        share = am / (1.0 - am)
+        # An explicit step knows the coordinates of the laws, and solves for their rates.
+        share, explicit, ahead = am / (1.0 - am), self.explicit, 0.0 if mean else 0.5 - af
+        cqw, cvw, part = beta / (1.0 - am), gamma / (1.0 - am), 1.0 if mean else 1.0 - af
+        way = Way(mean, explicit, (1.0 + ahead) / part, ahead / part, dt)
+        per_y = dt * cvw if explicit else dt * dt * cqw
         return Numbers(
-            dt, 1.0 - af, 0.5 - beta - beta * share, beta / (1.0 - am), 1.0 - gamma - gamma * share,
-            gamma / (1.0 - am), am, mean, 0.0 if mean else 0.5 - af,
+            1.0 - af, 0.5 - beta - beta * share, cqw, 1.0 - gamma - gamma * share, cvw, am, way, per_y, part
         )  # fmt: skip
 
 

@@ -19,14 +19,15 @@ from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.integrators.slider_history import SliderHistory
-from vofem.integrators.stepping.kernel import ACTS, HOLDS, PUSHES, Equations
+from vofem.integrators.stepping.kernel import Equations
+from vofem.integrators.stepping.reactions import ACTS, HOLDS, PUSHES
 from vofem.integrators.stepping.record import Path
 from vofem.integrators.stepping.scheme import Forcing, Scheme
 from vofem.laws import FrictionLaws
+from vofem.laws.friction import FrictionLaw
 from vofem.laws.law import START, LawSet
 from vofem.linalg.banded import factor, solve
 from vofem.system import System
-from vofem.time_functions import TimeFunction
 
 Integers = NDArray[np.int64]
 
@@ -76,8 +77,7 @@ class Sliders:
     `rigid` has shape (k,).
     `pressing` (shape (k,)): numbers of the contacts that press, -1 for none.
     `varying` (shape (k,)): whether the normal force is not constant.
-    `chosen`, `special`, `belts`: whether statuses have to be found, as for rigid sliders, whether rows other than laws
-    are needed, and whether there are belts.
+    `chosen`, `belts`: whether statuses have to be found, as for rigid sliders, and whether there are belts.
     `log` (shape (6, k)): after every step: the quantities of `SliderSamples`.
     `times`: ends of these steps, s.
     `turns`: time, slider, and 0 where sliding ends, 1 where sticking ends.
@@ -100,7 +100,6 @@ class Sliders:
         self.pressing = np.array([-1 if law.contact is None else names.index(law.contact) for law in self.laws])
         self.varying = np.array([law.contact is not None or law.varies is not None for law in self.laws])
         self.chosen, self.belts = bool(self.rigid.any()), any(law.belt is not None for law in self.laws)
-        self.special = self.chosen or bool(self.varying.any())
         self._still = np.zeros(count)
         slip, none, self.fastest = self.slip(v, 0.0), np.full(count, np.inf), np.zeros(count)
         status = np.where(self.rigid & ~self.small(slip, v, 0.0), np.sign(slip), 0).astype(np.int64)
@@ -135,17 +134,11 @@ class Sliders:
             return self._still
         return np.array([0.0 if law.belt is None else float(law.belt(t)) for law in self.laws])
 
-    def _means(self, functions: list[TimeFunction | None], times: Array) -> Array:
-        """Return the means of functions between times, shape (n_times - 1, k), 0 for none."""
-        found = np.zeros((times.size - 1, len(functions)))
-        for k, function in enumerate(functions):
-            if function is not None:
-                found[:, k] = function.moments(times[:-1], times[1:])[0]
-        return found
-
     def ways(self, times: Array) -> Array:
         """Return by how much the belts move between times, m, shape (n_times - 1, k)."""
-        return self._means([law.belt for law in self.laws], times) * np.diff(times)[:, None]
+        first, last, still = times[:-1], times[1:], np.zeros(times.size - 1)
+        means = [still if law.belt is None else law.belt.moments(first, last)[0] for law in self.laws]
+        return np.array(means).T * np.diff(times)[:, None]
 
     def normals(self, times: Array, part: float | None) -> Array:
         """Return normal forces that no contact makes at times, shape (n_times, k), 1 where one does.
@@ -153,18 +146,24 @@ class Sliders:
         With a part they are those at this part of the way from one time to the next, shape (n_times - 1, k); the middle
         stands for the mean.
         """
-        found = np.tile([law.normal for law in self.laws], (times.size, 1))
-        for k, law in enumerate(self.laws):
-            if law.varies is not None:
-                found[:, k] = np.maximum(law.varies(times), 0.0)
-        if part is None:
-            return found
-        between = (1.0 - part) * found[:-1] + part * found[1:]
-        if part == 0.5:
-            varies = [law.varies is not None for law in self.laws]
-            means = self._means([law.varies for law in self.laws], times)
-            between[:, varies] = np.maximum(means[:, varies], 0.0)
-        return between
+
+        def found(law: FrictionLaw) -> Array:
+            if law.varies is None:
+                return np.full(times.size - (part is not None), law.normal)
+            if part == 0.5:
+                return np.maximum(law.varies.moments(times[:-1], times[1:])[0], 0.0)
+            here = np.maximum(law.varies(times), 0.0)
+            return here if part is None else here[:-1] + part * np.diff(here)
+
+        return np.array([found(law) for law in self.laws]).T
+
+    def pressed(self, path: Path, last: int, normal: Array, implicit: bool) -> Array:
+        """Return normal forces, (steps, k), with those that contacts make in the steps that end at a row of a path."""
+        rows, found = slice(last - normal.shape[0] + 1, last + 1), normal.copy()
+        for k in np.flatnonzero(self.pressing >= 0).tolist():
+            force = path.chunk.reaction[rows, self.pressing[k]]
+            found[:, k] = np.maximum(force + path.chunk.damper[rows, self.pressing[k]] if implicit else force, 0.0)
+        return found
 
     def slip(self, v: Array, t: float) -> Array:
         """Return the slip speeds, m/s."""
@@ -180,14 +179,6 @@ class Sliders:
         """Return kinds of rows and forces that push, (steps, k), for a status and normal forces, (steps, k)."""
         kind = np.where(self.rigid, np.where(status == 0, HOLDS, PUSHES), ACTS)
         return np.tile(kind, (normal.shape[0], 1)), status * self.limit * normal
-
-    def pressed(self, path: Path, rows: slice, t: Array, implicit: bool) -> Array:
-        """Return the normal forces in steps that end at rows of a path, whose ends they are, shape (steps, k)."""
-        found = self.normals(t, None)
-        for k in np.flatnonzero(self.pressing >= 0).tolist():
-            force = path.chunk.reaction[rows, self.pressing[k]]
-            found[:, k] = np.maximum(force + path.chunk.damper[rows, self.pressing[k]] if implicit else force, 0.0)
-        return found
 
     # -- records ----------------------------------------------------------------------------------------
 
@@ -216,7 +207,8 @@ class Sliders:
         taken[0] += self.now.jumps
         tiny = 64.0 * _EPS * (np.abs(slip) + np.abs(stretch[1:]))
         slides = np.where(np.abs(slid) > tiny, np.sign(slid), 0.0)
-        normal, total = self.pressed(path, rows, path.t[rows], not mean), self.log[-1][3]
+        normal = self.pressed(path, first + count, self.normals(path.t[rows], None), not mean)
+        total = self.log[-1][3]
         for k, row in enumerate(range(first + 1, first + count + 1)):
             t, begin = float(path.t[row]), float(path.t[row - 1])
             status, total = np.where(self.rigid, path.status[row], slides[k]), total + taken[k]
@@ -243,8 +235,8 @@ class Sliders:
         row = path.filled
         force, status = path.chunk.reaction[row : row + 3, self.rows], path.status[row + 1 : row + 3]
         ahead = force[2] + 0.5 * (force[2] - force[1])
-        end = path.t[row : row + 1] + 2.0 * h
-        bound = self.static * self.pressed(path, slice(row + 2, row + 3), end, not run.scheme.mean)[0]
+        normal = self.normals(path.t[row : row + 1] + 2.0 * h, None)
+        bound = self.static * self.pressed(path, row + 2, normal, not run.scheme.mean)[0]
         excess = np.where(self.rigid & np.all(status == 0, axis=0), np.abs(ahead) - bound, 0.0)
         jump = self.rigid & (path.status[row] == 0) & np.any(status != 0, axis=0)
         excess = np.where(jump, bound * (1.0 - self.limit / self.static), excess)
@@ -290,14 +282,12 @@ class Sliders:
         status = np.where(turned, np.sign(slip), now.status).astype(np.int64) if fixed is None else fixed
         seen, self.reached = set[bytes](), np.zeros(status.size)
         place, give = self._sizes @ np.abs(chunk.q[row]), 0.5 * h**2 * self._weights(run)
+        normal = self.normals(np.array([end - h, end]), run.scheme.part)
         for _ in range(_MOST):
             if run.advanced(path, h, np.array([end]), forcing, None, status) < 0:
                 return False
             force = chunk.reaction[row + 1, self.rows]
-            bound = self.static * self.pressed(path, slice(row + 1, row + 2), np.array([end]), not mean)[0]
-            if self.varying.any():
-                part = self.normals(np.array([end - h, end]), run.scheme.part)[0]
-                bound = np.where(self.pressing >= 0, bound, self.static * part)
+            bound = self.static * self.pressed(path, row + 1, normal, not mean)[0]
             self.share = np.abs(force) / np.maximum(bound, 1e-300)
             moved = chunk.u[row + 1, self.rows] - chunk.u[row, self.rows]
             if not mean:
@@ -392,60 +382,48 @@ class Sliders:
         assert run.dt is not None
         taken, self.lost = 0, False
         while taken < t.size and path.filled + _CUTS + 1 < path.t.size and not self.lost:
-            self.lost = not self.step(run, path, run.dt, float(t[taken]), forcing.at(taken))
+            self.lost = not self.step(run, path, run.dt, float(t[taken]), forcing.at(taken), cut=True)
             taken += not self.lost
         return taken
 
-    def step(self, run: Run, path: Path, h: float, end: float, forcing: Forcing) -> bool:
-        """Take and enter a step, cut where sliding ends; return whether there is one."""
+    def step(self, run: Run, path: Path, h: float, end: float, forcing: Forcing, cut: bool) -> bool:
+        """Take a step; return whether there is one.
+
+        It is cut where sliding ends, and entered. Or it is neither, and a slider whose sliding ends within it sticks
+        all the time.
+        """
         left = h
         for cuts in range(_CUTS + 1):
             if not self.take(run, path, left, end, forcing):
                 return False
             which, share, breaks = self.turn_within(run, path, left, end) if cuts < _CUTS else (-1, 1.0, False)
-            h = left if which < 0 or share >= 1.0 - _SHORT else share * left
-            stop = end - left + h
-            if share > _SHORT or which < 0:
-                if h < left:
-                    status = path.status[path.filled + 1].copy()
-                    status[which] = 0 if breaks else status[which]
+            turns, ends, row = which >= 0 and (cut or not breaks), which >= 0 and not breaks, path.filled
+            at_once = turns and share <= _SHORT
+            h = left if not (turns and cut) or share >= 1.0 - _SHORT else share * left
+            stop = end - left if at_once else end - left + h
+            if not at_once:
+                row += 1
+                if h < left or (ends and not cut):
+                    status = path.status[row].copy()
+                    status[which] = 0 if breaks or not cut else status[which]
                     if not self.take(run, path, h, stop, forcing, status):
                         return False
                 self.accept(run, path, h, stop)
-                if which >= 0 and not breaks:
-                    self.halt(run, path.chunk.v[path.filled + 1], stop, which)
+            if ends:
+                self.halt(run, path.chunk.v[row], stop, which, not at_once)
+            if not cut:
+                if not at_once:
+                    return True
+                continue
+            if not at_once:
                 run.enter(path, h, np.array([stop]), forcing)
                 left -= h
-            else:
-                stop = end - left
-                if not breaks:
-                    self.halt(run, path.chunk.v[path.filled], stop, which, False)
             if breaks:
                 self.release(path, stop, which)
-            if which >= 0:
+            if turns:
                 run.restart(path, stop, left or h, forcing)
             if left <= 0.0:
                 return True
-        return False
-
-    def whole(self, run: Run, path: Path, h: float, end: float, forcing: Forcing) -> bool:
-        """Take a step without a cut, and do not enter it: a slider whose sliding ends within it sticks all the time."""
-        for _ in range(_CUTS):
-            if not self.take(run, path, h, end, forcing):
-                return False
-            which, share, breaks = self.turn_within(run, path, h, end)
-            if which < 0 or breaks:
-                self.accept(run, path, h, end)
-                return True
-            if share > _SHORT:
-                status = path.status[path.filled + 1].copy()
-                status[which] = 0
-                if not self.take(run, path, h, end, forcing, status):
-                    return False
-                self.accept(run, path, h, end)
-                self.halt(run, path.chunk.v[path.filled + 1], end, which)
-                return True
-            self.halt(run, path.chunk.v[path.filled], end - h, which, False)
         return False
 
 

@@ -110,10 +110,9 @@ class StepLoads:
     to that of the means. A load that is a straight line is continued as that line.
     """
 
-    def __init__(self, system: System, counters: Counters) -> None:
+    def __init__(self, system: System, counters: Counters, until: float) -> None:
         self.functions = [load.function for load in system.loads]
-        self.counters = counters
-        self.until = np.inf
+        self.counters, self.until = counters, until
 
     def moments(self, left: Array, right: Array, of: NDArray[np.bool_] | None = None) -> Array:
         """Return the moments of loads, by default of all, over steps, shape (3, n_loads, n)."""

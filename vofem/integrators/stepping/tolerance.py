@@ -19,17 +19,18 @@ import numpy as np
 
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
-from vofem.integrators.method import Method
 from vofem.integrators.observer import Observer
 from vofem.integrators.registry import advice
 from vofem.integrators.stepping.checks import check_times
+from vofem.integrators.stepping.equal import EqualSteps
 from vofem.integrators.stepping.record import Path, Record
-from vofem.integrators.stepping.run import EqualSteps, Run
-from vofem.integrators.stepping.scheme import Forcing, Scheme
+from vofem.integrators.stepping.run import Run
+from vofem.integrators.stepping.scheme import Forcing
 from vofem.integrators.stepping.step_loads import of_halves
 from vofem.integrators.stepping.step_size import HALVINGS, StepSizeControl
+from vofem.integrators.stepping.structure import Structure
 from vofem.linalg.banded import solve, subtract_product
-from vofem.system import CLOSED, Counters, State, System
+from vofem.system import CLOSED, Counters, State
 
 #: Number of steps of one call of `advance`.
 _CHUNK = 256
@@ -84,13 +85,12 @@ class StepDoubling(StepSizeControl, Run):
     )  # fmt: skip
 
     def __init__(
-        self, system: System, start: State, counters: Counters, t_end: float, method: Method, scheme: Scheme,
-        tolerance: float, fineness: float = 1.0,
+        self, structure: Structure, start: State, counters: Counters, t_end: float, tolerance: float,
+        fineness: float = 1.0,
     ) -> None:  # fmt: skip
         self.set_range(t_end, tolerance)
-        super().__init__(
-            system, start, counters, t_end, method, scheme, 2 * _CHUNK + 2, self.tick, t_end + 2.0 * self.largest
-        )
+        super().__init__(structure, start, counters, t_end, 2 * _CHUNK + 2, self.tick, t_end + 2.0 * self.largest)
+        system, scheme = structure.system, structure.scheme
         self.bends = np.array([self.laws.turns(j) for j in range(len(self.laws))], dtype=bool)
         self.aside = Path(
             2, system.size, self.equations.laws, self.path.pull.shape[1], scheme.lags, self.path.status.shape[1]
@@ -123,6 +123,7 @@ class StepDoubling(StepSizeControl, Run):
                 break
             self.advance_once()
         self.take(out)
+        self.count(self.steps_taken, self.steps_taken)
 
     def advance_once(self) -> None:
         """Take the next step, as long as its error allows."""
@@ -161,7 +162,6 @@ class StepDoubling(StepSizeControl, Run):
         self.gain = path.chunk.a[path.filled] - path.chunk.a[path.filled - 1]
         self.coarsest, self.last, self.means = max(self.coarsest, half), half, tried.halves.means[-1]
         self.steps_taken += 0 if self.beyond and mean else 2
-        self.count(self.steps_taken, self.steps_taken)
 
     def attempt(self, t: float, dt: float) -> Attempt:
         """Take the next step whole, and again in halves, which stay in the rows after the last one."""
@@ -288,8 +288,8 @@ class StepDoubling(StepSizeControl, Run):
 
 
 def under_tolerance(
-    system: System, start: State, t_end: float, method: Method, scheme: Scheme, tol: float, counters: Counters,
-    resumed: bool, observer: Observer | None,
+    structure: Structure, start: State, t_end: float, tol: float, counters: Counters, resumed: bool,
+    observer: Observer | None,
 ) -> StepDoubling:  # fmt: skip
     """Return a run whose steps follow a tolerance, ready to begin.
 
@@ -300,17 +300,17 @@ def under_tolerance(
     bound that of the run where it is smooth. What an impact does depends on velocities, and on fast motion that
     displacements do not show, so `note_tolerance` compares both runs.
     """
-    run = StepDoubling(system, start, counters, t_end, method, scheme, tol)
+    run = StepDoubling(structure, start, counters, t_end, tol)
     if resumed:
         return run
-    rough = EqualSteps(system, start, counters, t_end, method, scheme, t_end / _STEPS, _STEPS)
+    rough = EqualSteps(structure, start, counters, t_end, t_end / _STEPS, _STEPS)
     run.size_of_motion = run.largest_of(_trial(rough, np.linspace(0.0, t_end, _STEPS + 1))[0])
     if not np.any(run.bends):
         return run
-    trial = StepDoubling(system, start, Counters(), t_end, method, scheme, _COARSER * tol, 0.5)
+    trial = StepDoubling(structure, start, Counters(), t_end, _COARSER * tol, 0.5)
     trial.size_of_motion = run.size_of_motion
     hit = trial.initial.size < len(trial.laws) or bool(np.any(trial.initial == CLOSED))
-    found, switched = _trial(trial, check_times(t_end, None, system.size), observer)
+    found, switched = _trial(trial, check_times(t_end, None, structure.system.size), observer)
     if hit or switched:
         # This run gives the largest displacement more accurately than the rough one.
         run.size_of_motion = min(run.size_of_motion, trial.largest_of(found))

@@ -9,7 +9,6 @@ from __future__ import annotations
 import functools
 import inspect
 import os
-import re
 import weakref
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -18,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from vofem.errors import ArgumentError
-from vofem.files.whole import replacing, target
+from vofem.files.whole import documented, replacing, target
 
 #: The file to which a picture is written, or None.
 Where = str | os.PathLike[str] | None
@@ -40,10 +39,15 @@ def goal_of(path: Where) -> Path | None:
     return None if path is None else target(path, _SUFFIXES)
 
 
-_PATH = "path : path of a .png, .pdf or .svg, optional\n    The file to write.\n"
-_AX = "ax : matplotlib axes, optional\n    The axes to draw into. By default a new figure is made.\n"
-_RETURNS = "\nReturns\n-------\nPath or matplotlib axes\n    `path` where one is given, else the axes.\n"
-_ERROR = "OutputError\n    If the file cannot be written.\n"
+#: Parameters that several pictures have.
+_SHARED = {
+    "contact": "Contact or str, optional\n    The contact. It must be given if the scene has several.",
+    "window": (
+        "(float, float), optional\n    Begin and end of the time that is drawn, in s. The default is the whole run."
+    ),
+    "path": "path of a .png, .pdf or .svg, optional\n    The file to write.",
+    "ax": "matplotlib axes, optional\n    The axes to draw into. By default a new figure is made.",
+}
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -61,13 +65,7 @@ def figure(draw: F) -> F:
         goal_of(named.get("path", given[place] if len(given) > place else None))
         return draw(*given, **named).done()
 
-    text = inspect.cleandoc(draw.__doc__ or "")
-    parts = re.split(r"^((?:Raises|Notes|References)\n-+\n)", text + "\n", maxsplit=1, flags=re.MULTILINE)
-    head, rest = parts[0].rstrip() + "\n", "".join(parts[1:])
-    raises = "" if rest.startswith("Raises") else "Raises\n------\n"
-    errors, notes, more = (raises + rest).partition("\nNotes\n")
-    shared = _PATH + ("" if "\nax : " in head else _AX) + _RETURNS
-    drawn.__doc__ = f"{head}{shared}\n{errors.rstrip()}\n{_ERROR}{notes}{more}"
+    drawn.__doc__ = documented(draw, _SHARED, "Path or matplotlib axes\n    `path` where one is given, else the axes.")
     return drawn  # type: ignore[return-value]
 
 
@@ -93,6 +91,11 @@ def _cycle() -> list[str]:
 def ink() -> str:
     """Return the colour of the main quantity of a picture."""
     return _cycle()[0]
+
+
+def color_of(k: int) -> str:
+    """Return the colour of the k-th of several lines, counted from 0."""
+    return ink() if k == 0 else str(COLORS[(k - 1) % len(COLORS)])
 
 
 class _Colors(Sequence[str]):

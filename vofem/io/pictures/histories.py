@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from vofem._validate import wrong
 from vofem.arrays import Array
 from vofem.bodies.base import Point
 from vofem.bodies.path import TravellingPoint
@@ -14,7 +15,6 @@ from vofem.effects import Contact, RigidStop
 from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
 from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, ink, legend, plain, stroke, text_size
-from vofem.io.pictures.envelope import envelope_of
 from vofem.io.pictures.places import all_contacts
 from vofem.io.pictures.units import length, prefixed
 from vofem.result import Result
@@ -58,8 +58,6 @@ def time_history(
     contact : contact, name or several of them, optional
         The contacts to show; ``name[node]`` is a contact of a one-sided foundation. The default is the contacts at the
         points. If there are none, it is the nearest contacts of their bodies, at most six.
-    window : (float, float), optional
-        Begin and end of the time that is drawn, in s. The default is the whole run.
     envelope : bool, optional
         Whether the envelope is drawn. By default it is drawn if the motion crosses its mean more than 300 times.
     ax : matplotlib axes, optional
@@ -125,7 +123,7 @@ class _Run:
         envelope: bool | None,
     ) -> None:
         self.title, self._run, self._points, self.contacts = title, run, points, contacts
-        self.window = window_of("time_history", window, _end(run))
+        self.window = window_of("time_history", window, end_of(run))
         self.times = _times(run, contacts, *self.window)
         self.motion = np.array([run.displacement(point, self.times) for point in points])
         crossings = int(np.count_nonzero(np.diff(self.motion[0] > self.motion[0].mean())))
@@ -222,9 +220,9 @@ def _points(wanted: Any) -> list[Point]:
     points = list(wanted) if isinstance(wanted, Iterable) and not isinstance(wanted, str) else [wanted]
     for point in points:
         if not isinstance(point, Point):
-            raise ArgumentError(f"expected a point, beam.at(x) or a Mass, found {point!r}")
+            raise wrong("point", repr(point), "beam.at(x) or a Mass")
     if not points:
-        raise ArgumentError("expected a point, beam.at(x) or a Mass, found none")
+        raise wrong("points", "empty", "one or more of beam.at(x) or a Mass")
     return points
 
 
@@ -241,24 +239,30 @@ def _at(contact: Contact | RigidStop, point: Point) -> bool:
     )
 
 
-def _end(result: Result) -> float:
-    # The last step of a stepping method may reach beyond the end of the run, where there are no results.
+def end_of(result: Result) -> float:
+    """Return the last time of a run at which there are results, s; its last step may reach beyond."""
     return min(float(result.times[-1]), result.solution.t_end)
 
 
+def times_of(result: Result, begin: float, end: float, count: int) -> Array:
+    """Return times within a window in s: as many as wanted, or of a stepping method those that it has stored."""
+    if result.solution.continuous:
+        return np.linspace(begin, end, count)
+    return result.times[(result.times >= begin) & (result.times <= end)]
+
+
 def _times(result: Result, contacts: list[Contact | RigidStop], begin: float, end: float) -> Array:
+    many = min(_EACH * result.counters.events, _MOST)
+    stored = times_of(result, begin, end, max(_DENSE, result.times.size, many))
     if not result.solution.continuous:
-        stored = result.times[(result.times >= begin) & (result.times <= end)]
         if stored.size < 2:
             raise ArgumentError(
                 f"time_history: the run stored {stored.size} times between {begin:g} and {end:g} s, expected two or "
                 "more; choose a longer window, or name more times in times= when simulating"
             )
         return stored
-    many = min(_EACH * result.counters.events, _MOST)
-    dense = np.linspace(begin, end, max(_DENSE, result.times.size, many))
     events = [np.concatenate([result.contacts[c.name].closings, result.contacts[c.name].openings]) for c in contacts]
-    times = np.unique(np.concatenate([dense, *events]))
+    times = np.unique(np.concatenate([stored, *events]))
     return times[(times >= begin) & (times <= end)]
 
 
@@ -276,6 +280,19 @@ def _surface(
     if contact.a.body.name == point.body.name:
         return result.displacement(contact.b, times) + contact.gap
     return result.displacement(contact.a, times) - contact.gap
+
+
+def envelope_of(times: Array, values: Array, window: tuple[float, float], parts: int) -> tuple[Array, Array, Array]:
+    """Return least and largest values in equal parts of a window of time in s.
+
+    `times`, `values` (shape (n,)): in the order of time.
+    Returns `middle, low, high` (shape (k,)): of the parts that hold values.
+    """
+    edges = np.linspace(*window, parts + 1)
+    part = np.clip(np.searchsorted(edges, times, side="right") - 1, 0, parts - 1)
+    held, first = np.unique(part, return_index=True)
+    low, high = np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
+    return 0.5 * (edges[held] + edges[held + 1]), low, high
 
 
 def closed_intervals(result: Result, contact: str) -> list[tuple[float, float]]:

@@ -42,10 +42,6 @@ def force_histogram(
     Parameters
     ----------
     result : Result
-    contact : Contact or str, optional
-        The contact. It must be given if the scene has several.
-    window : (float, float), optional
-        Begin and end of the time that is drawn, in s. The default is the whole run.
     bins : int
         Number of bins of the histogram.
 
@@ -54,7 +50,7 @@ def force_histogram(
     ArgumentError
         If the contact is unknown, or does not close in the window.
     """
-    history = _one(result, contact, "force_histogram")
+    history, path = _one(result, contact, path, "force_histogram")
     bins = whole("force_histogram: bins", bins)
     begin, end = window_of("force_histogram", window, float(result.solution.t_end))
     times = result.times[(result.times >= begin) & (result.times <= end)]
@@ -95,8 +91,6 @@ def impact_statistics(
     Parameters
     ----------
     result : Result
-    contact : Contact or str, optional
-        The contact. It must be given if the scene has several.
     window : (float, float), optional
         Impacts that begin between these times in s; all of them where not given.
     bins : int
@@ -109,13 +103,7 @@ def impact_statistics(
     ArgumentError
         If the contact is unknown, has no impacts in the window, or has forces that cannot be computed from the run.
     """
-    if (
-        path is None
-        and contact not in list(result.contacts)
-        and str(contact).lower().endswith((".png", ".pdf", ".svg"))
-    ):
-        contact, path = None, contact
-    history = _one(result, contact, "impact_statistics")
+    history, path = _one(result, contact, path, "impact_statistics")
     bins = whole("impact_statistics: bins", bins)
     begin, end = window_of("impact_statistics", window, float(result.solution.t_end))
     impacts = history.impacts
@@ -150,8 +138,6 @@ def event_raster(
     Parameters
     ----------
     result : Result
-    window : (float, float), optional
-        Begin and end of the time that is drawn, in s. The default is the whole run.
 
     Raises
     ------
@@ -177,10 +163,12 @@ def event_raster(
     return canvas
 
 
-def _one(result: Result, contact: Any, what: str) -> ContactHistory:
-    """Return the given contact, or the only one."""
-    if contact is not None:
-        return result.contacts[contact]
-    if len(result.contacts) != 1:
-        raise ArgumentError(f"{what}: the scene has the contacts {list(result.contacts)}; say which one with contact=")
-    return next(iter(result.contacts.values()))
+def _one(result: Result, contact: Any, path: Where, what: str) -> tuple[ContactHistory, Where]:
+    """Return the given contact, or the only one, and the path, which may stand in the place of the contact."""
+    names = list(result.contacts)
+    if path is None and contact not in names and str(contact).lower().endswith((".png", ".pdf", ".svg")):
+        contact, path = None, contact
+    if contact is None and len(names) != 1:
+        listed = ", ".join(map(repr, names)) or "none"
+        raise ArgumentError(f"{what}: contact is not given, and the scene has {listed}; say which one with contact=")
+    return result.contacts[names[0] if contact is None else contact], path

@@ -9,8 +9,6 @@ from vofem.arrays import Array
 from vofem.bodies import Beam
 from vofem.effects import Joint
 from vofem.errors import ArgumentError
-from vofem.io.pictures import shapes
-from vofem.io.pictures.arrows import add_contact_forces, add_loads
 from vofem.io.pictures.drawing import (
     BLOCK,
     GROUND,
@@ -25,7 +23,7 @@ from vofem.io.pictures.drawing import (
     Strip,
 )
 from vofem.io.pictures.layout import BAR, Lane, Layout, arrange, full_scale, side_of_ground
-from vofem.io.pictures.links import add_links
+from vofem.io.pictures.links import add_contact_forces, add_links, add_loads
 from vofem.io.pictures.places import is_line
 from vofem.io.pictures.snapshot import Snapshot
 from vofem.io.pictures.units import length, nice_above, nice_below, prefixed, spell, three_digits
@@ -111,14 +109,12 @@ def _spelled(time: float) -> str:
 
 def _labelled_place(body: object, x: Array, eta: Array) -> tuple[str, float]:
     """Return a place and its displacement: a free tip, or where the beam is deflected most."""
-    if not isinstance(body, Beam):
-        k = int(np.argmax(np.abs(eta)))
-        return f"at x = {x[k]:.3g} m" if x.size > 1 else "", float(eta[k])
-    ends = [(node, k) for node, k in ((len(body.nodes) - 1, -1), (0, 0)) if node not in body.supports]
-    if len(ends) == 1:
-        return "tip", float(eta[ends[0][1]])
+    if isinstance(body, Beam):
+        free = [k for node, k in ((len(body.nodes) - 1, -1), (0, 0)) if node not in body.supports]
+        if len(free) == 1:
+            return "tip", float(eta[free[0]])
     k = int(np.argmax(np.abs(eta)))
-    return f"at x = {x[k]:.3g} m", float(eta[k])
+    return f"at x = {x[k]:.3g} m" if x.size > 1 else "", float(eta[k])
 
 
 def _color_bar(drawing: Drawing, view: Snapshot) -> float:
@@ -199,11 +195,11 @@ def _beam(drawing: Drawing, layout: Layout, lane: Lane, beam: Beam, factor: floa
         place, depth = float(nodes[node]), float(np.interp(nodes[node], x, half))
         facing = 1 if node == 0 else -1 if node == last else 0
         if kind == "clamped":
-            shapes.clamp(drawing, place, lane.axis, depth, unit, facing)
+            drawing.clamp(place, lane.axis, depth, unit, facing)
         elif kind == "pinned":
-            shapes.pin(drawing, place, lane.axis, depth, unit)
+            drawing.pin(place, lane.axis, depth, unit)
         else:
-            shapes.guide(drawing, place, float(np.interp(place, x, y)), depth, span, unit, -facing)
+            drawing.guide(place, float(np.interp(place, x, y)), depth, span, unit, -facing)
     if len(layout.lanes) > 1:
         _name(drawing, beam.name, float(x[0]) - 52.0 * unit, lane.axis, 20.0 * layout.text)
 
@@ -223,7 +219,7 @@ def _line(drawing: Drawing, layout: Layout, lane: Lane) -> None:
     held = {float(place) for place in state.body.degrees_of_freedom.x[state.body.matrices().supported]}
     for place in held - {float("nan")}:
         facing = 1 if place == state.x[0] else -1 if place == state.x[-1] else 0
-        shapes.clamp(drawing, float(layout.along(state.body, place)), lane.axis, half, unit, facing)
+        drawing.clamp(float(layout.along(state.body, place)), lane.axis, half, unit, facing)
     if len(layout.lanes) > 1:
         _name(drawing, state.body.name, float(rest[0]) - 52.0 * unit, lane.axis, 20.0 * layout.text)
 
@@ -260,7 +256,7 @@ def _mass(drawing: Drawing, layout: Layout, lane: Lane, side: str) -> None:
     # Between two others there is no ground to stand on: an arm leads to a ledge beside them.
     arm, ledge = x + 1.3 * half + 150.0 * unit, lane.axis + lane.state.low * layout.motion - 62.0 * unit
     drawing.line([x + 1.3 * half, arm], y, BLOCK, 4.0 * unit, behind=True)
-    shapes.element(drawing, (arm, y), (arm, ledge), 14.0 * unit, SPRING, 3.4 * unit)
+    drawing.element((arm, y), (arm, ledge), 14.0 * unit, SPRING, 3.4 * unit)
     drawing.rectangle((arm - 40.0 * unit, arm + 40.0 * unit), (ledge - 0.5 * BAR * unit, ledge), GROUND)
 
 

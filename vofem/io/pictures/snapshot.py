@@ -13,21 +13,74 @@ from vofem.arrays import Array
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Point
 from vofem.bodies.path import place_at
-from vofem.effects import (
-    CrushingStop,
-    Foundation,
-    Joint,
-    PointMass,
-    RotationalSpring,
-)
-from vofem.effects.two_points import TwoPoints
-from vofem.errors import ArgumentError
+from vofem.effects import CrushingStop, Foundation, Joint
+from vofem.errors import ArgumentError, VofemError
 from vofem.io.pictures.places import all_contacts
-from vofem.io.pictures.pushes import Push, pushes
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.statics import Equilibrium
 from vofem.system import CLOSED, OPEN, PINNED
+from vofem.time_functions import as_time_function
+
+#: Arrows of a distributed load.
+_ARROWS = 9
+
+
+@dataclass(frozen=True)
+class Push:
+    """A load at the time of a picture."""
+
+    kind: str  #: "force", "moment", "line" (a load along a beam), or "weight".
+    points: tuple[Point, ...]  #: Points on which the load acts; empty for the weight.
+    #: Values in N, N m or N/m, positive upward. For the weight it is g in m/s^2, positive downward. Shape (n_points,).
+    values: Array
+    largest: float  #: Largest magnitude over the run, of all points.
+
+
+def pushes(scene: Scene, times: Array, run: Array) -> list[tuple[Push, ...]]:
+    """Return the loads at some times of the loads, with their largest values over the times of the run.
+
+    A load whose values at these times are not known, which may occur for a run from a file, is left out.
+    """
+    found: list[list[Push]] = [[] for _ in times]
+    for effect in scene.effects:
+        try:
+            parts = _of(effect, times, run)
+        except VofemError:
+            continue
+        for k, push in enumerate(parts):
+            if push is not None:
+                found[k].append(push)
+    return [tuple(some) for some in found]
+
+
+def _symbol(effect: Any) -> str:
+    """Return how an effect is shown, as its class says; empty for one of another package."""
+    return str(getattr(effect, "symbol", ""))
+
+
+def _of(effect: Any, times: Array, run: Array) -> list[Push | None]:
+    """Return the loads of an effect at some times, None where they are not on the beam; nothing if it is no load."""
+    symbol = _symbol(effect)
+    if symbol == "weight":
+        return [Push("weight", (), np.array([effect.g]), abs(effect.g)) for _ in times]
+    if symbol not in ("force", "moment", "line"):
+        return []
+    f = as_time_function(effect.f)
+    now = np.asarray(f(times), dtype=float)
+    most = float(np.max(np.abs(np.append(np.asarray(f(run), dtype=float), now)), initial=0.0))
+    if symbol == "line":
+        beam: Beam = effect.beam
+        x = np.linspace(beam.nodes[0], beam.nodes[-1], _ARROWS)
+        p = effect.along(x)
+        points = tuple(beam.at(float(place)) for place in x)
+        return [Push("line", points, p * value, most * float(np.max(np.abs(p), initial=0.0))) for value in now]
+    places = [place_at(effect.point, t) for t in times.tolist()]
+    return [
+        None if place is None else Push(symbol, (place,), np.array([value]), most)
+        for place, value in zip(places, now, strict=True)
+    ]
+
 
 #: A field along a beam, of x.
 Field = Callable[[Array, Beam], Array]
@@ -151,8 +204,9 @@ def _view(
     time: float | None = None, **parts: Any,
 ) -> Snapshot:  # fmt: skip
     """Return bodies with contacts, whose status and force are given, and all else at the time t of the loads in s."""
-    joints = tuple(effect for effect in scene.effects if isinstance(effect, Joint))
-    weights = (place_at(effect.point, t) for effect in scene.effects if isinstance(effect, PointMass))
+    effects: tuple[Any, ...] = scene.effects
+    joints = tuple(effect for effect in effects if isinstance(effect, Joint))
+    weights = (place_at(effect.point, t) for effect in effects if _symbol(effect) == "mass")
     there = tuple(point for point in weights if point is not None)
     return Snapshot(time, tuple(bodies), _links(scene, states, t), joints, weights=there, **parts)
 
@@ -195,11 +249,11 @@ def _links(scene: Scene, states: dict[str, tuple[str, float]], t: float = 0.0) -
         turns = s.of == "rotation"
         status = states.get(s.name, ("open", 0.0))
         links.append(Link(s.name, s.a, s.b, s.side or "below", 0.0 if turns else s.gap, *status, turns))
-    for effect in scene.effects:
-        if isinstance(effect, TwoPoints) and effect.symbol in ("spring", "damper"):
-            links.append(Link("", effect.a, effect.b, "below", 0.0, effect.symbol, 0.0, effect.of == "rotation"))
-        elif isinstance(effect, RotationalSpring):
-            links.append(Link("", effect.point, effect.other, "below", 0.0, "spring", 0.0, True))
+    effects: tuple[Any, ...] = scene.effects
+    for effect in effects:
+        if _symbol(effect) in ("spring", "damper"):
+            a, b = (*effect.points(), None)[:2]
+            links.append(Link("", a, b, "below", 0.0, effect.symbol, 0.0, effect.of == "rotation"))
     for bed in scene.effects:
         if isinstance(bed, Foundation) and not bed.one_sided:
             nodes, held = bed.beam.nodes, [bed.beam.nodes[node] for node in bed.beam.supports]

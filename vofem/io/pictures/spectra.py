@@ -12,6 +12,7 @@ from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
 from vofem.io.pictures.axes import Canvas, Where, figure, ink, plain, stroke, text_size
+from vofem.io.pictures.histories import end_of
 from vofem.result import Result
 
 _KINDS = ("amplitude", "psd", "spectrogram")
@@ -96,8 +97,7 @@ def spectrum(
 
 def uniform_times(result: Result, window: tuple[float, float] | None) -> tuple[Array, float]:
     """Return equally spaced times of a run within a window, its end left out, and their distance, s."""
-    end = min(float(result.times[-1]), result.solution.t_end)
-    begin, end = window_of("spectrum", window, end)
+    begin, end = window_of("spectrum", window, end_of(result))
     stored = result.times[(result.times >= begin) & (result.times <= end)]
     if result.solution.continuous:
         count = max(_SAMPLES, stored.size)

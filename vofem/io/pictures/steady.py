@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem._validate import several
 from vofem.arrays import Array
 from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
-from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, ink, legend, plain, stroke, text_size
+from vofem.io.pictures.axes import COLORS, Canvas, Where, color_of, figure, ink, legend, plain, stroke, text_size
 from vofem.io.pictures.units import length
 from vofem.studies.steady import Branch, Locus, PeriodicOrbit, PoincareSection
 
@@ -69,19 +70,17 @@ def response_curve(
     ArgumentError
         If the branch has no orbits, or `point` is not a point of a body.
     """
-    branches = [branch] if isinstance(branch, Branch) else list(branch)
+    branches = several("response_curve: branch", branch, Branch, "vf.continuation")
     place = as_point("response_curve: point", point)
-    if not branches or not all(isinstance(one, Branch) and len(one) for one in branches):
-        raise ArgumentError(
-            "response_curve: expected one or more branches with orbits, such as vf.continuation returns"
-        )
+    if not all(len(one) for one in branches):
+        raise ArgumentError("response_curve: a branch has no orbits; its status says why it ended")
     heights = [one.amplitude(place) for one in branches]
     marked = [[(s, s.orbit.amplitude(place)) for s in one.special] for one in branches]
     scale = length(float(max(part.max() for part in heights)))
     canvas = Canvas("response_curve", path, ax, (9.0, 5.4))
     axes = canvas.grid[0, 0]
     for k, (one, amplitude) in enumerate(zip(branches, heights, strict=True)):
-        color = ink() if k == 0 else COLORS[(k - 1) % len(COLORS)]
+        color = color_of(k)
         for stable, part in _runs(one):
             style, width, name = _LINES[stable]
             values, line = one.values[part], amplitude[part] / scale[0]
@@ -128,9 +127,7 @@ def locus(
     ArgumentError
         If an argument is not a locus.
     """
-    loci = [curves] if isinstance(curves, Locus) else list(curves)
-    if not loci or not all(isinstance(one, Locus) for one in loci):
-        raise ArgumentError("locus: expected one or more loci, such as vf.locus returns")
+    loci = several("locus: curves", curves, Locus, "vf.locus")
     canvas = Canvas("locus", path, ax, (9.0, 5.4))
     axes = canvas.grid[0, 0]
     for one in loci:
@@ -175,7 +172,8 @@ def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: W
     ArgumentError
         If the multipliers of an orbit are not known.
     """
-    orbits = [orbit] if isinstance(orbit, PeriodicOrbit) else list(orbit.orbits if isinstance(orbit, Branch) else orbit)
+    given = list(orbit.orbits) if isinstance(orbit, Branch) else orbit
+    orbits = several("multipliers: orbit", given, PeriodicOrbit, "vf.periodic")
     known = [one.multipliers for one in orbits if one.multipliers is not None]
     if not known or len(known) < len(orbits):
         raise ArgumentError(
@@ -228,12 +226,8 @@ def phase_portrait(
     ArgumentError
         If an argument is not an orbit, or not a point.
     """
-    orbits: list[PeriodicOrbit] = list(orbit) if isinstance(orbit, (list, tuple)) else [orbit]  # type: ignore[list-item]
+    orbits = several("phase_portrait: orbit", orbit, PeriodicOrbit, "vf.periodic")
     place = as_point("phase_portrait: point", point)
-    if not orbits or not all(isinstance(one, PeriodicOrbit) for one in orbits):
-        raise ArgumentError(
-            f"phase_portrait: orbit is {orbit!r}, expected what vf.periodic returns, or several of these"
-        )
     canvas = Canvas("phase_portrait", path, ax, (7.6, 5.4))
     axes = canvas.grid[0, 0]
     drawn = []
@@ -244,7 +238,7 @@ def phase_portrait(
     frequencies = [one.frequency_words() for one in orbits]
     same = len(set(frequencies)) == 1
     for k, (one, (u, v)) in enumerate(zip(orbits, drawn, strict=True)):
-        color = ink() if k == 0 else COLORS[(k - 1) % len(COLORS)]
+        color = color_of(k)
         style, width, name = _LINES[one.stable]
         label = f"{frequencies[k]}, {name}" if not same else f"orbit {k + 1}, {name}" if len(orbits) > 1 else name
         axes.plot(u / scale[0], v / scale[0], style, color=color, linewidth=width, label=label)
@@ -317,13 +311,11 @@ def backbone_curve(branch: Branch | Sequence[Branch], path: Where = None, *, ax:
     ArgumentError
         If the branch is not a backbone.
     """
-    branches = [branch] if isinstance(branch, Branch) else list(branch)
-    if not branches or not all(isinstance(one, Branch) for one in branches):
-        raise ArgumentError("backbone_curve: expected one or more branches, as vf.backbone returns")
+    branches = several("backbone_curve: branch", branch, Branch, "vf.backbone")
     canvas = Canvas("backbone_curve", path, ax, (7.6, 5.2))
     axes = canvas.grid[0, 0]
     for k, one in enumerate(branches):
-        color = ink() if k == 0 else COLORS[(k - 1) % len(COLORS)]
+        color = color_of(k)
         label = None if len(branches) == 1 else f"backbone {k + 1}"
         axes.plot(one.omega / (2.0 * np.pi), one.energy, color=color, linewidth=stroke(1.6), label=label)
     axes.set(xlabel="frequency [Hz]", ylabel="energy [J]", yscale="log")

@@ -13,7 +13,7 @@ from vofem.arrays import Array
 from vofem.effects.kinds import AtPoint
 from vofem.errors import ArgumentError
 from vofem.integrators.registry import method_named, method_names
-from vofem.parameters import Choice, Count, Kind, Numbers, Real, declared, rule
+from vofem.parameters import Choice, Count, Kind, Name, Numbers, Real, declared, rule
 from vofem.parameters.declared import keys_of, made_of, read, read_values, schema_of, write, write_inside
 from vofem.parameters.place import INVALID, Book, Invalid, Place
 from vofem.simulate.methods import option_names
@@ -124,17 +124,10 @@ class MethodName(Kind):
 
 
 @dataclass(frozen=True)
-class KeyPath(Kind):
+class KeyPath(Name):
     """The path of a key that holds a number; what stands there is checked with the whole file."""
 
-    text: str = ""
-
-    shown = "str"
     expected = "the path of a key, such as 'point_load[0].f.sine.omega'"
-
-    def read(self, value: Any, place: Place) -> Any:
-        """Return the path."""
-        return value if isinstance(value, str) and value else place.expected(self.expected, value)
 
 
 @dataclass(frozen=True)

@@ -19,22 +19,21 @@ from vofem.arrays import Array
 from vofem.errors import ArgumentError, ConvergenceError, MissingCallableError, SceneFileError
 from vofem.files.hdf5 import check_format, mark_format, writing
 from vofem.files.whole import target
-from vofem.io.scenes.reader import read_tables
-from vofem.io.scenes.writer import scene_to_toml
+from vofem.io.scenes.scene_text import read_tables, scene_to_toml
 from vofem.io.storage.tree import read_tree, write_tree
+from vofem.parameters import changed
 from vofem.parameters.place import Book
 from vofem.scene import Scene
 from vofem.studies.steady import Branch, BranchCounters, Locus, PeriodicOrbit, SpecialPoint
 from vofem.studies.steady.branch import Orbits
-from vofem.studies.steady.condensed import condensed, condensed_result
-from vofem.studies.steady.family import Family
+from vofem.studies.steady.condensed import condensed
+from vofem.studies.steady.family import Family, problem_of
 from vofem.studies.steady.follow import Follower
 from vofem.studies.steady.harmonic_balance import harmonics_in
-from vofem.studies.steady.methods import problem_of
 from vofem.studies.steady.near import signature_at
 from vofem.studies.steady.orbit import OrbitTruncation
 from vofem.studies.steady.point import Interval
-from vofem.studies.steady.shooting import Shooting, orbit_result
+from vofem.studies.steady.shooting import orbit_result
 from vofem.studies.steady.signature import CLOSES
 from vofem.studies.steady.steady_state import as_guess
 from vofem.system import State
@@ -151,24 +150,27 @@ def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicO
         def scene() -> Scene:
             return _scene(kept["scenes"][k], kept["problems"][k], folder)
 
-        def result() -> Any:
-            if start is not None:
-                duration = 2.0 * np.pi * periods / omega
-                if truncation is None:
-                    return orbit_result(scene(), start, duration)
-                few = condensed(scene().model.system, unknowns.size // 2, None)
-                return condensed_result(scene(), few, start, duration, truncation.error)
+        @cache
+        def problem() -> Any:
             harmonics = harmonics_in(scene(), unknowns.size) if method == "harmonic_balance" else None
-            period = 2.0 * np.pi / omega
-            problem: Any = problem_of("load", scene(), method, periods, period=period, harmonics=harmonics)
-            return problem.orbit(unknowns, problem.evaluate(unknowns)).result
+            found = problem_of("load", scene(), method, periods, period=2.0 * np.pi / omega, harmonics=harmonics)
+            return as_guess(found, orbit)
 
-        def extremes(row: Array) -> tuple[float, float]:
-            problem = problem_of("load", scene(), method, periods, period=2.0 * np.pi / omega)
-            assert isinstance(problem, Shooting)
-            problem = as_guess(problem, orbit)
-            chart, y, _ = signature_at(problem, problem.from_orbit(orbit))
-            return chart.evaluate(problem, y, derivative=False).range_of(problem.modal_row(row))
+        def result() -> Any:
+            if start is None:
+                return problem().orbit(unknowns, problem().evaluate(unknowns)).result
+            duration = 2.0 * np.pi * periods / omega
+            if truncation is None:
+                return orbit_result(scene(), start, duration)
+            few = condensed(scene().model.system, unknowns.size // 2, None)
+            return orbit_result(scene(), start, duration, few, truncation.error)
+
+        @cache
+        def motion() -> Any:
+            if start is None:
+                return result().solution.motion
+            chart, y = signature_at(problem(), problem().from_orbit(orbit))
+            return chart.evaluate(problem(), y, derivative=False)
 
         orbit = PeriodicOrbit(
             scene,
@@ -178,13 +180,13 @@ def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicO
             multipliers=None if kept["multipliers"] is None else kept["multipliers"][k],
             residual=float(kept["residual"][k]),
             result=result,
+            motion=motion,
             truncation=truncation,
             notes=tuple(kept["notes"][k]),
             unknowns=unknowns,
             autonomous=bool(kept["autonomous"][k]),
             start=start,
             stable=kept["stable"][k],
-            extremes=extremes if method == "shooting" and not kept["autonomous"][k] else None,
         )
         return orbit
 
@@ -223,14 +225,14 @@ class _Loaded:
         self._kept, self._values, self._special, self._orbits, self._folder = kept, values, special, orbits, folder
 
     @cached_property
-    def _numbers(self) -> dict[tuple[Any, ...], Polynomial | float]:
-        """The numbers of the scenes by their place in the tables, as polynomials in the parameter where they change."""
+    def _numbers(self) -> dict[tuple[Any, ...], Polynomial]:
+        """The numbers of the scenes that change, by their place in the tables, as polynomials in the parameter."""
         count = self._values.size
         texts = self._kept["scenes"][:count]
         if not all(texts):
             _scene("", next(p for p in self._kept["problems"] if p), self._folder)
         tables = [dict(_leaves(tomllib.loads(text), ())) for text in texts]
-        found: dict[tuple[Any, ...], Polynomial | float] = {}
+        found: dict[tuple[Any, ...], Polynomial] = {}
         for place, first in tables[0].items():
             entries = [table.get(place) for table in tables]
             if entries.count(first) == count:
@@ -257,13 +259,8 @@ class _Loaded:
     def build(self, value: float) -> Scene:
         """Return the scene at a value of the parameter."""
         text = self._kept["scenes"][0]
-        content = tomllib.loads(text)
-        for place, number in self._numbers.items():
-            table: Any = content
-            for key in place[:-1]:
-                table = table[key]
-            table[place[-1]] = float(number(value)) if isinstance(number, Polynomial) else number
-        return _scene(text, "", self._folder, content)
+        numbers = {place: float(number(value)) for place, number in self._numbers.items()}
+        return _scene(text, "", self._folder, changed(tomllib.loads(text), numbers))
 
     def at(self, value: float) -> list[PeriodicOrbit]:
         """Return all orbits at a value of the parameter, from their neighbours in the file."""
@@ -294,7 +291,7 @@ class _Loaded:
         family.begin_with(problem, value)
         ends = [problem.from_orbit(orbit) for orbit in (before, after)]
         guess = ends[0] + share * (ends[1] - ends[0])
-        walker = Follower(family, Interval(float(self._values.min()), float(self._values.max())), BranchCounters())
+        walker = Follower(family, Interval(float(self._values.min()), float(self._values.max())))
         for start in (guess, *ends):
             try:
                 point = walker.begin(start, value)

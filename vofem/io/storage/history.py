@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
-from vofem.files.hdf5 import FILTERS, Blocks
+from vofem.files.hdf5 import FILTERS, Blocks, block_slices, chunks
 from vofem.histories.energy import Energy
 from vofem.histories.tables import points_of_interest
 from vofem.histories.variables import ENERGIES, MOTION, Variable, histories
 from vofem.integrators.base import ContactSamples, ProbeSamples, Samples
-from vofem.io.storage.blocks import block_slices, chunks
 from vofem.result import Result
 from vofem.system import Events
 

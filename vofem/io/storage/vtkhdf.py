@@ -12,9 +12,8 @@ import h5py
 import numpy as np
 
 from vofem.arrays import Array
-from vofem.files.hdf5 import FILTERS, Blocks
+from vofem.files.hdf5 import FILTERS, Blocks, empty_dataset
 from vofem.io.frames import Frames
-from vofem.io.storage.blocks import empty_dataset
 from vofem.result import Result
 
 #: Number of frames that are written by default. Fields on the grid take several times as much space as the history.

@@ -187,7 +187,10 @@ class Study:
         if not good:
             return self._none_meets(tolerance)
         first = good[0]
-        text = f"For {tolerance:g} of the largest displacement at {self.point} take {_spelt(first)}: {_said(first)}"
+        text = (
+            f"For an error of {tolerance:g} of the largest displacement at {self.point}, use {_spelt(first)}: "
+            f"{_said(first)}"
+        )
         other = next((run for run in good if run.setting.method != first.setting.method), None)
         if other is not None:
             text += f", {other.seconds / first.seconds:.3g} times faster than {_spelt(other)}"

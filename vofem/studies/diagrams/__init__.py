@@ -1,14 +1,8 @@
 """Diagrams over many scenes: stroboscopic points, basins of attraction, maps of stability."""
 
-from vofem.studies.diagrams.attractors import Basins, basins
-from vofem.studies.diagrams.bifurcation import BifurcationDiagram, bifurcation_diagram
-from vofem.studies.diagrams.stability import StabilityMap, stability_map
-
-__all__ = [
-    "Basins",
-    "BifurcationDiagram",
-    "StabilityMap",
-    "basins",
-    "bifurcation_diagram",
-    "stability_map",
-]
+from vofem.studies.diagrams.attractors import Basins as Basins
+from vofem.studies.diagrams.attractors import basins as basins
+from vofem.studies.diagrams.bifurcation import BifurcationDiagram as BifurcationDiagram
+from vofem.studies.diagrams.bifurcation import bifurcation_diagram as bifurcation_diagram
+from vofem.studies.diagrams.stability import StabilityMap as StabilityMap
+from vofem.studies.diagrams.stability import stability_map as stability_map

@@ -15,7 +15,7 @@ from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.progress import SweepProgress
 from vofem.scene import Scene, as_scene
-from vofem.studies.diagrams.stroboscope import Stroboscope, order_of, stroboscope
+from vofem.studies.diagrams.bifurcation import Stroboscope, order_of, stroboscope
 from vofem.studies.sweep import Sweep
 from vofem.studies.sweep.sweeping import sweep
 
@@ -126,8 +126,8 @@ def basins(
     if start is None:
         if len(scene.bodies) != 1 or set(grid) != {"displacement", "velocity"}:
             raise ArgumentError(
-                f"basins: the grid has the names {list(grid)} and the scene {len(scene.bodies)} bodies; give start=, "
-                "or a scene of one body and the names 'displacement' and 'velocity'"
+                f"basins: the grid has the names {', '.join(map(repr, grid)) or 'none'}, expected 'displacement' and "
+                f"'velocity' of one body, and the scene has {len(scene.bodies)}; for other starts give start="
             )
         start = functools.partial(_start_of, body=scene.bodies[0])
     table = sweep(
@@ -138,7 +138,11 @@ def basins(
         raise ArgumentError(f"basins: every run failed, the first with: {table.failed[0].error}")
     samples = table["looks"].reshape(-1, *table["looks"].shape[-3:])
     index, found = _distinct(samples, tolerance)
-    return Basins(_named(found, index, samples), _by_share(index, len(found)).reshape(table.points.shape), table)
+    counts = np.bincount(index[index >= 0], minlength=len(found))
+    ranking = np.argsort(-counts, kind="stable")
+    attractors = _named([found[j] for j in ranking], counts[ranking] / index.size)
+    place = np.append(np.argsort(ranking), -1)
+    return Basins(attractors, place[index].reshape(table.points.shape), table)
 
 
 def _start_of(displacement: float, velocity: float, body: Any) -> dict[Any, Any]:
@@ -178,29 +182,16 @@ def _same(first: Array, second: Array, tolerance: Array) -> bool:
     )
 
 
-def _ranking(index: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    return np.argsort(-np.bincount(index[index >= 0], minlength=count), kind="stable")
-
-
-def _by_share(index: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """Return the numbers of attractors in the order of their shares."""
-    place = np.empty(count + 1, dtype=np.int64)
-    place[_ranking(index, count)] = np.arange(count)
-    place[-1] = -1
-    return place[index]
-
-
-def _named(found: list[tuple[int, Array]], index: NDArray[np.int64], samples: Array) -> tuple[Attractor, ...]:
+def _named(found: list[tuple[int, Array]], shares: Array) -> tuple[Attractor, ...]:
     orders = [order for order, _ in found]
     letters: dict[int, int] = {}
     result = []
-    for j in _ranking(index, len(found)):
-        order, points = found[j]
+    for (order, points), share in zip(found, shares.tolist(), strict=True):
         name = f"period {order}" if order else "not periodic"
         if orders.count(order) > 1:
             letters[order] = letters.get(order, 0) + 1
             name += f" ({_letters(letters[order])})"
-        result.append(Attractor(name, order, points, float(np.mean(index == j))))
+        result.append(Attractor(name, order, points, share))
     return tuple(result)
 
 

@@ -14,7 +14,7 @@ from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.progress import SweepProgress
 from vofem.scene import Scene
-from vofem.studies.diagrams.stroboscope import first_point
+from vofem.studies.diagrams.bifurcation import first_point
 from vofem.studies.steady.steady_state import periodic
 from vofem.studies.sweep import FailedPoint, Sweep
 from vofem.studies.sweep.sweeping import sweep
@@ -98,7 +98,7 @@ def stability_map(
     values = {"x": np.asarray(x, dtype=float), "y": np.asarray(y, dtype=float)}
     for name, given in values.items():
         if given.ndim != 1 or given.size == 0:
-            raise ArgumentError(f"stability_map: {name} is {given!r}, expected numbers, shape (n_{name},)")
+            raise ArgumentError(f"stability_map: {name} is {given!r}, expected one or more numbers, shape (n_{name},)")
     table = sweep(
         functools.partial(_state, build=build, periods=periods, point=point, method=method),
         {name: given.tolist() for name, given in values.items()},

@@ -20,20 +20,20 @@ from vofem._validate import array, whole
 from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.errors import ArgumentError, ConvergenceError, EventStormError, MethodError
-from vofem.integrators.event_driven.flow import Start, flow, modal_state, modes_of
+from vofem.integrators.event_driven.flow import Start, flow, modal_state, modes_of, share_modes
 from vofem.integrators.event_driven.modal_space import ModalSpace
-from vofem.laws import CLOSED, OPEN, ContactLaws
-from vofem.result import Result
+from vofem.laws import CLOSED, OPEN
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import Branch, BranchCounters, Orbits
-from vofem.studies.steady.condensed import GOOD, Condensed, condensed_result, reduced
-from vofem.studies.steady.counters import Work
+from vofem.studies.steady.condensed import GOOD, Condensed, reduced
 from vofem.studies.steady.follow import Follower
-from vofem.studies.steady.newton import solved
+from vofem.studies.steady.near import signature_at
+from vofem.studies.steady.newton import raised, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.point import Interval, OriginChart, Point
-from vofem.studies.steady.shooting import orbit_result, shooting_refusal
+from vofem.studies.steady.problem import Work
+from vofem.studies.steady.shooting import Shooting, shooting_refusal
 from vofem.studies.steady.special import SpecialPoint
 from vofem.system import State, System
 
@@ -46,8 +46,8 @@ _FIRST, _LARGEST, _LEAST, _SHORT = 0.02, 0.3, 1e-6, 1e-4
 #: Number of vectors of a large system for each mode below the one that is followed.
 _EACH_MODE = 4
 
-#: First fraction of the contacts' stiffness if contacts touch at rest, and the factor by which it grows.
-_SOFT, _HARDER = 1e-3, 2.0
+#: First fraction of the contacts' stiffness if contacts touch at rest, and the largest step of its logarithm.
+_SOFT, _HARDER = 1e-3, np.log(2.0)
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,9 @@ def backbone(
 
 def _check(scene: Scene, system: System) -> None:
     """Raise where a scene is not conservative."""
-    reason = shooting_refusal(scene) if system.sliders is None else system.sliders.refusal("a free oscillation")
+    if system.sliders is not None:
+        raise MethodError(system.sliders.refusal("backbone"))
+    reason = shooting_refusal(scene)
     if reason is not None:
         raise MethodError(f"backbone: {reason.split('. Use ')[0].split('; use')[0]}")
     rigid = None if system.contacts is None else system.contacts.rigid_refusal("backbone")
@@ -209,20 +211,16 @@ class _Search:
     def settled(self, found: dict[float, Array], kind: _Level) -> tuple[_Search, dict[float, Array]]:
         """Return the oscillations in so many vectors that twice as many change them little."""
         search = self
-        while found and search.few is not None:
-            more = search.few.more()
-            finer_system = None if more is None else reduced(search.few.full, more)
-            if finer_system is None:
-                break
-            finer, better, change = _Search(finer_system.system, self.work, finer_system), {}, 0.0
+        for few in () if self.few is None or not found else self.few.doubled():
+            finer, better, change = _Search(few.system, self.work, few), {}, 0.0
             for level, one in found.items():
                 state = search.state(one[:-1])
-                in_finer = modal_state(finer.system, finer.space, finer_system.project(state))[0]
+                in_finer = modal_state(finer.system, finer.space, few.project(state))[0]
                 try:
                     better[level] = finer.solved(np.append(in_finer, one[-1]), kind, level)
                 except ConvergenceError:
                     return search, found
-                apart = search.few.change(state, finer.state(better[level][:-1]))
+                apart = few.change(state, finer.state(better[level][:-1]))
                 change = max(change, apart, abs(better[level][-1] / one[-1] - 1.0))
             search.change = change
             if change <= GOOD:
@@ -264,25 +262,22 @@ class _Search:
 
     def _hardened(self, start: Array, kind: _Level, level: float) -> Array:
         """Return an oscillation with contacts that touch at rest. The contacts are soft at first and then stiffened."""
-        share, now = _SOFT, start
-        factor = _HARDER
-        while True:
-            laws = self.system.contacts
-            assert laws is not None
-            softer = _Search(replace_contacts(self.system, laws.scaled(share)), self.work, self.few)
-            try:
-                found = softer.solved(now, kind, level)
-            except ConvergenceError:
-                if factor < 1.0 + 1e-4 or now is start:
-                    raise
-                share /= factor
-                factor = 1.0 + 0.3 * (factor - 1.0)
-                share = min(share * factor, 1.0)
-                continue
-            now = found
-            if share == 1.0:
-                return now
-            share = min(share * factor, 1.0)
+        laws, others = self.system.contacts, [group for group in self.system.laws if group is not self.system.contacts]
+        assert laws is not None
+
+        def solve(share: float, guess: Array, now: Array) -> Array:
+            system = replace(self.system, laws=(laws.scaled(np.exp(share)), *others))
+            share_modes(system, self.system)
+            return _Search(system, self.work, self.few).solved(guess, kind, level)
+
+        first = float(np.log(_SOFT))
+        reached, found = raised(solve, [(first - _HARDER, start)], 0.0, _HARDER, least=_LEAST, largest=_HARDER)[-1]
+        if reached < 0.0:
+            raise ConvergenceError(
+                f"no free oscillation was found whose contacts touch at rest: stiffened from {_SOFT:g} of their "
+                f"stiffness on, contacts reached {np.exp(max(reached, first)):.3g} of it"
+            )
+        return found
 
     def path(self, now: Array, kind: _Level, level: float, most: int) -> Array:
         """Return the oscillation at a level, followed from another one.
@@ -290,46 +285,32 @@ class _Search:
         Steps in the level pass by the narrow tongues of internal resonances, into which the backbone itself leads.
         Where the level turns it is followed by arclength.
         """
-        here, goal = np.log(kind.of(self, now[:-1])[0]), np.log(level)
-        before: tuple[float, Array] | None = None
-        step = _FIRST
+        here, goal = float(np.log(kind.of(self, now[:-1])[0])), float(np.log(level))
         if goal <= here + 1e-15:
             return self.solved(now, kind, level)
-        while here < goal:
-            ahead = min(here + step, goal)
-            guess = now.copy()
-            if before is not None:
-                guess += (now - before[1]) * (ahead - here) / (here - before[0])
-            else:
-                # In proportion to the square root of the energy, or to the amplitude.
-                guess[:-1] *= np.exp((ahead - here) * (0.5 if kind.dof < 0 else 1.0))
-            try:
-                found = self.solved(guess, kind, float(np.exp(ahead)))
-                if abs(found[-1] / now[-1] - 1.0) > 0.1 or _far(found[:-1], now[:-1]):
-                    raise ConvergenceError("the oscillation changes too much in one step")
-            except ConvergenceError:
-                step *= 0.3
-                if step < _LEAST:
-                    return self._past_turns(now, before, kind, level, most)
-                continue
-            before, now, here = (here, now), found, ahead
-            step = min(1.6 * step, _LARGEST)
-        return now
 
-    def _past_turns(
-        self, now: Array, before: tuple[float, Array] | None, kind: _Level, level: float, most: int
-    ) -> Array:
-        """Return the oscillation at a level beyond a place where the backbone turns in its level."""
-        here = kind.of(self, now[:-1])[0]
-        towards = now - before[1] if before is not None else now * np.append(np.ones(self.space.size), 0.0)
+        def solve(place: float, guess: Array, before: Array) -> Array:
+            found = self.solved(guess, kind, float(np.exp(place)))
+            if abs(found[-1] / before[-1] - 1.0) > 0.1 or _far(found[:-1], before[:-1]):
+                raise ConvergenceError("the oscillation changes too much in one step")
+            return found
+
+        track = raised(solve, [(here, now)], goal, _FIRST, least=_LEAST, largest=_LARGEST, grow=1.6)
+        if track[-1][0] == goal:
+            return track[-1][1]
+        now = track[-1][1]
+        towards = now - track[-2][1] if len(track) > 1 else now * np.append(np.ones(self.space.size), 0.0)
         scales = np.append(np.full(now.size - 1, np.linalg.norm(now[:-1])), now[-1])
         family: Any = _Levels(self, kind)
-        walker = _Walk(family, Interval(0.0, level), BranchCounters(), most=most, noun="backbone")
+        walker = _Walk(family, Interval(0.0, level), most=most, noun="backbone")
+        here = kind.of(self, now[:-1])[0]
         first = walker.point(_RestChart(), np.append(now, here), np.append(towards / scales, 0.0))
-        points = walker.follow(first, _SHORT).points
-        if points[-1].value != level:
-            raise _not_reached(points, kind, level, walker.track.notes[-1])
-        return self.solved(points[-1].y[:-1], kind, level)
+        walker.follow(first, _SHORT)
+        if walker.interrupted:
+            raise KeyboardInterrupt
+        if walker.points[-1].value != level:
+            raise _not_reached(walker.points, kind, level, walker.notes[-1])
+        return self.solved(walker.points[-1].y[:-1], kind, level)
 
     def solved(self, guess: Array, kind: _Level, level: float) -> Array:
         """Return the oscillation at a level near a guess: displacement at rest and half the period, shape (n + 1,)."""
@@ -357,48 +338,26 @@ class _Search:
             raise ConvergenceError(str(error)) from error
         assert one.monodromy is not None
         _, speed = one.sizes
-        slopes = np.concatenate([one.monodromy[n:], one.rate(at_start=False)[n:, None]], axis=1) / speed
+        slopes = np.concatenate([one.monodromy[n:], one.rate[n:, None]], axis=1) / speed
         self._latest = y.copy(), (one.velocity / speed, slopes)
         return self._latest[1]
 
     def orbit(self, scene: Scene, rest: Array) -> PeriodicOrbit:
         """Return the orbit of an oscillation, from rest at the side that is farther from the stops."""
-        n, space = self.space.size, self.space
         z, half = rest[:-1], float(rest[-1])
-        one = flow(self.system, Start(0.0, z, np.zeros(n)), half, counters=self.work.runs)
-        if self.system.contacts is not None:
-            gap = self.system.contacts.gap
-            if np.max(space.contacts @ one.displacement - gap) < np.max(space.contacts @ z - gap):
-                z = one.displacement
-        period = 2.0 * half
-        full = flow(self.system, Start(0.0, z, np.zeros(n)), period, derivative=np.eye(2 * n), counters=self.work.runs)
-        self.work.flows += 2
-        assert full.monodromy is not None
-        size_z, size_v = full.sizes
-        residual = max(np.linalg.norm(full.displacement - z) / size_z, np.linalg.norm(full.velocity) / size_v)
-        state, few, change = self.state(z), self.few, self.change
-        left_out = None if few is None else few.truncation(period, change)
-
-        def result() -> Result:
-            if few is None:
-                return orbit_result(scene, state, period)
-            return condensed_result(scene, few, state, period, change)
-
-        return PeriodicOrbit(
-            scene,
-            "shooting",
-            np.pi / half,
-            1,
-            multipliers=np.linalg.eigvals(full.monodromy).astype(complex),
-            residual=float(residual),
-            result=result,
-            truncation=left_out,
-            notes=() if left_out is None else (left_out.what,),
-            unknowns=np.concatenate([z, np.zeros(n)]),
-            start=state,
-            autonomous=True,
-            decided=lambda: _UNDECIDED,
-        )
+        laws, rows = self.system.contacts, self.space.contacts
+        if laws is not None:
+            self.work.flows += 1
+            other = flow(self.system, Start(0.0, z, np.zeros_like(z)), half, counters=self.work.runs).displacement
+            if np.max(rows @ other - laws.gap) < np.max(rows @ z - laws.gap):
+                z = other
+        count = None if self.few is None else self.few.vectors.shape[1]
+        problem = Shooting("backbone", scene, period=2.0 * half, work=self.work, vectors=count)
+        problem.change = self.change
+        unknowns = problem.from_state(self.state(z))
+        chart, y = signature_at(problem, unknowns)
+        evaluation = chart.evaluate(problem, y).stripped()
+        return problem.orbit_of(unknowns, evaluation, lambda: _UNDECIDED, autonomous=True)
 
 
 #: A family of orbits has a double multiplier 1, known to the square root of rounding only.
@@ -452,6 +411,7 @@ class _Levels:
 
     search: _Search
     kind: _Level
+    what: ClassVar[str] = "backbone"
 
     @property
     def work(self) -> Work:
@@ -478,12 +438,9 @@ def _far(a: Array, b: Array) -> bool:
 class _Walk(Follower):
     """Follows a backbone, on which no special points are searched."""
 
-    def located(self, step: Step) -> list[SpecialPoint]:
+    def located(self, step: Step, earlier: Step | None) -> list[SpecialPoint]:
         """Return nothing."""
         return []
-
-    def _look_between(self, earlier: Step, step: Step, base: int) -> None:
-        """Search nothing."""
 
 
 def _not_reached(points: list[Point], kind: _Level, level: float, why: str) -> ConvergenceError:
@@ -503,12 +460,3 @@ def _not_reached(points: list[Point], kind: _Level, level: float, why: str) -> C
         f"backbone: by its {what} followed up to {points[0].value:.9g}, and not to {level:.9g}: {turned}{why}. Ask for "
         "levels below; those that were found are in the attribute branch of this error"
     )
-
-
-def replace_contacts(system: System, contacts: ContactLaws) -> System:
-    """Return a system with other contacts and the same modes; it shares nothing else that was computed."""
-    laws: list[Any] = [group for group in system.laws if group is not system.contacts]
-    changed = replace(system, laws=(contacts, *laws))
-    known = system.cache.get("modal space", None, lambda: None)
-    changed.cache.get("modal space", None, lambda: known)
-    return changed

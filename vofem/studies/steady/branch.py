@@ -13,8 +13,11 @@ from numpy.typing import NDArray
 from vofem._validate import number
 from vofem.arrays import Array
 from vofem.blas import one_thread
+from vofem.bodies.base import as_point
 from vofem.cards import Saved
 from vofem.errors import ArgumentError
+from vofem.histories import Table
+from vofem.histories.tables import points_of_interest
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.special import SpecialPoint
 
@@ -98,7 +101,23 @@ class Orbits(Sequence[PeriodicOrbit]):
 
 
 class Curve(Saved):
-    """A curve of orbits that files hold and that notebooks show."""
+    """A curve of orbits that files hold and that notebooks show; see `Branch` and `Locus` for its attributes."""
+
+    def __init__(
+        self,
+        special: Sequence[SpecialPoint],
+        counters: BranchCounters,
+        *,
+        notes: Sequence[str] = (),
+        interrupted: bool = False,
+    ) -> None:
+        self.special, self.counters = list(special), counters
+        self.notes, self.interrupted = list(notes), interrupted
+
+    def _kinds(self) -> str:
+        """Return how many special points of each kind there are."""
+        kinds = [point.kind for point in self.special]
+        return ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "nothing special"
 
     def _writer(self) -> Callable[..., Path]:
         # Late, because studies know no file format.
@@ -139,23 +158,16 @@ class Branch(Curve):
         interrupted: bool = False,
         source: Source | None = None,
     ) -> None:
+        super().__init__(special, counters, notes=notes, interrupted=interrupted)
         self.values = np.asarray(values, dtype=float)
-        self.orbits = orbits
-        self.special = list(special)
-        self.counters = counters
-        self.notes = list(notes)
-        self.periods = periods
-        self.interrupted = interrupted
-        self._source = source
+        self.orbits, self.periods, self._source = orbits, periods, source
 
     def __len__(self) -> int:
         return len(self.orbits)
 
     def __repr__(self) -> str:
-        kinds = [point.kind for point in self.special]
-        shown = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
         span = f"{self.values.min():.6g} to {self.values.max():.6g}" if self.values.size else "empty"
-        return f"Branch({len(self)} orbits, {span}; {shown or 'nothing special'})"
+        return f"Branch({len(self)} orbits, {span}; {self._kinds()})"
 
     @property
     def stable(self) -> NDArray[np.object_]:
@@ -165,6 +177,48 @@ class Branch(Curve):
     def amplitude(self, point: Any) -> Array:
         """Return the amplitude of every orbit at a point, m, shape (n_points,); see `PeriodicOrbit.amplitude`."""
         return np.array([orbit.amplitude(point) for orbit in self.orbits])
+
+    def table(self, point: Any = None, parameter: str = "parameter") -> Table:
+        """Return the orbits as a table, in the order of the branch, with the special points among them.
+
+        The columns are the parameter, the frequency, the displacement of a point, whether the orbit is stable (None
+        where it is not decided), the modulus of its largest multiplier (NaN where it is not known), and the kind of a
+        special point.
+
+        Parameters
+        ----------
+        point : point, optional
+            The default is the point of the first contact.
+        parameter : str
+            Name of the first column.
+        """
+        found = [(float(k), float(value), self.orbits[k], "") for k, value in enumerate(self.values)]
+        found += [(special.place, special.value, special.orbit, special.kind) for special in self.special]
+        found.sort(key=lambda row: row[0])
+        orbits = [orbit for _, _, orbit, _ in found]
+        place = as_point("table: point", points_of_interest(orbits[0].scene)[0] if point is None and orbits else point)
+        low, high = np.array([orbit.extremes(place) for orbit in orbits]).reshape(-1, 2).T
+        omega = np.array([orbit.omega for orbit in orbits])
+        known = (np.nan if one.multipliers is None else np.abs(one.multipliers).max(initial=0.0) for one in orbits)
+        return Table(
+            {
+                parameter: (np.array([value for _, value, _, _ in found]), ""),
+                "frequency": (omega / (2.0 * np.pi), "Hz"),
+                "angular frequency": (omega, "rad/s"),
+                f"{place.name} amplitude": (0.5 * (high - low), "m"),
+                f"{place.name} least": (low, "m"),
+                f"{place.name} largest": (high, "m"),
+                "stable": (np.array([orbit.stable for orbit in orbits], dtype=object), ""),
+                "largest multiplier": (np.array(list(known), dtype=float), ""),
+                "special": (np.array([kind for _, _, _, kind in found], dtype=str), ""),
+            },
+            "Branch",
+            tuple(self.notes),
+        )
+
+    def to_dataframe(self, point: Any = None, parameter: str = "parameter") -> Any:
+        """Return `table` as a `pandas.DataFrame`."""
+        return self.table(point, parameter).to_dataframe()
 
     @property
     def omega(self) -> Array:

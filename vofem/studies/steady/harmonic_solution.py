@@ -63,6 +63,17 @@ class HarmonicMotion:
         """Return the series of coordinates, shape (n_rows, 2K + 1)."""
         return np.asarray(to_real(((rows @ self.rest.vectors) @ self.coefficients).T).T)
 
+    def range_of(self, row: Array) -> tuple[float, float]:
+        """Return the least and the largest value of a row over the free degrees of freedom, shape (n,)."""
+        series = self.along(row[None])[0]
+        values = basis(np.append(0.0, turning_points(series)), series.size // 2) @ series
+        return float(values.min()), float(values.max())
+
+    @property
+    def grazes(self) -> str:
+        """Nothing: multipliers are those of a motion with so many harmonics, near a grazing too."""
+        return ""
+
 
 class HarmonicSamples(ModalSamples):
     """Samples whose rows are computed without the motion of the whole structure."""

@@ -1,4 +1,4 @@
-"""The common period of all loads of a system."""
+"""The common period of all loads of a system, and their Fourier coefficients over it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from math import gcd, lcm
 import numpy as np
 
 from vofem._validate import number
+from vofem.arrays import Complex
 from vofem.errors import ArgumentError
 from vofem.system import Load, System, refuse_travelling
 from vofem.time_functions import Sine, TimeFunction
@@ -21,13 +22,18 @@ _LARGEST, _EXACT = 1000, 1e-12
 #: difference.
 _LOOKS, _SAME = 97, 1e-9
 
+#: Number of times in a period at which loads without closed form are sampled.
+_SAMPLES = 8192
+
+#: Coefficients below this fraction of the largest are rounding.
+_NONE = 1e-14
+
 
 @dataclass(frozen=True)
 class LoadPeriod:
     """The common period of all loads."""
 
     omega: float  #: Angular frequency in rad/s.
-    forced: bool  #: Whether any load varies.
 
     @property
     def period(self) -> float:
@@ -62,10 +68,21 @@ def load_period(what: str, system: System, period: float | None = None) -> LoadP
             f"{what}: no load varies in time, so nothing sets the period. Add a load such as "
             "PointLoad(point, Sine(...)), give period= in s, or follow free oscillations with vofem.backbone"
         )
-    found = LoadPeriod(float(omega), any(_varies(load, 2.0 * np.pi / omega) for load in system.loads))
+    found = LoadPeriod(float(omega))
     for load in system.loads:
-        _check(what, load, found.period)
+        # Harmonics whose fundamental frequency this is repeat after its period.
+        if period is not None or not _harmonic(load, found.period):
+            _check(what, load, found.period)
     return found
+
+
+def _harmonic(load: Load, period: float) -> bool:
+    """Return whether a load is a sum of harmonics and a constant."""
+    function = load.function
+    if not isinstance(function, TimeFunction) or not function.closed_form or function.breakpoints(4.0 * period).size:
+        return False
+    piece = function.piece(0.0)
+    return piece.slope == piece.curvature == piece.jerk == 0.0
 
 
 def _frequencies(what: str, load: Load, period: float | None) -> list[float]:
@@ -117,11 +134,6 @@ def _values(load: Load, period: float, later: float) -> np.ndarray:
     return np.asarray(load.function(times + later), dtype=float)
 
 
-def _varies(load: Load, period: float) -> bool:
-    values = _values(load, period, 0.0)
-    return bool(np.ptp(values) > 0.0)
-
-
 def _check(what: str, load: Load, period: float) -> None:
     """Raise where a load differs from itself a period later."""
     now = _values(load, period, 0.0)
@@ -134,3 +146,40 @@ def _check(what: str, load: Load, period: float) -> None:
                 f"period{'s' * (count > 1)} later by {np.abs(later - now).max():.3g}. Loads of steady states are sums "
                 "of Sine and Constant; where the period is longer, give period="
             )
+
+
+def load_series(what: str, system: System, omega: float, harmonics: int) -> Complex:
+    """Return the Fourier coefficients of all loads, shape (n_loads, harmonics + 1).
+
+    `what`: name of the argument in messages.
+    `system`: a system whose loads are periodic with ``2 pi/omega``.
+    `omega`: angular frequency of the first harmonic, rad/s.
+    Returns ``f(t) = Re sum_k c_k exp(i k omega t)``.
+    Raises `ArgumentError` if a closed-form load has a harmonic beyond these.
+    """
+    return np.array([_series(what, load, omega, harmonics) for load in system.loads]).reshape(-1, harmonics + 1)
+
+
+def _series(what: str, load: Load, omega: float, harmonics: int) -> Complex:
+    found = np.zeros(harmonics + 1, dtype=complex)
+    function = load.function
+    period = 2.0 * np.pi / omega
+    smooth = isinstance(function, TimeFunction) and function.closed_form
+    if smooth and not function.breakpoints(period).size:
+        assert isinstance(function, TimeFunction)
+        piece = function.piece(0.0)
+        found[0] = piece.constant
+        for w, amplitude in piece.harmonics:
+            k = round(w / omega)
+            if k > harmonics:
+                raise ArgumentError(
+                    f"{what}: {load.name} acts at {frequency_words(w, [function], 9)}, which is harmonic {k} of the "
+                    f"orbit; give harmonics={2 * k} or more"
+                )
+            found[k] += amplitude if k else amplitude.real
+        return found
+    values = np.asarray(function(np.arange(_SAMPLES) * (period / _SAMPLES)), dtype=float)
+    spectrum = 2.0 * np.fft.rfft(values)[: harmonics + 1] / _SAMPLES
+    spectrum[0] *= 0.5
+    found[: spectrum.size] = np.where(np.abs(spectrum) > _NONE * np.abs(spectrum).max(initial=0.0), spectrum, 0.0)
+    return found

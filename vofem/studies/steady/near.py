@@ -26,21 +26,26 @@ _TRIED = 0.5
 _ANCHORED = 0.15
 
 
-def signature_at(problem: Shooting, unknowns: Array) -> tuple[Signature, Array, Flow]:
-    """Return signature, coordinates and flow of the orbit from a state at t = 0, anchored away from all switches."""
+def signature_at(problem: Shooting, unknowns: Array) -> tuple[Signature, Array]:
+    """Return signature and coordinates of the orbit from a state at t = 0, anchored away from all switches."""
     z, v = problem.to_modes(unknowns)
     whole = problem.run(Start(0.0, z, v), problem.duration)
-    times = np.array([0.0, *(event.time for event in whole.events), problem.duration])
-    lengths = np.diff(times)
+    chart, y = signature_of(problem, whole)
+    lengths = chart.lengths(y)
     longest = int(np.argmax(lengths))
     if min(lengths[0], lengths[-1]) >= _ANCHORED * lengths[longest]:
-        return *signature_of(problem, whole), whole
-    anchor = float(0.5 * (times[longest] + times[longest + 1]))
-    z, v = (part[:, 0] for part in whole.solution.modal(np.array([anchor])))
+        return chart, y
+    if np.array_equal(whole.status, chart.start):
+        moved = chart.recentred(problem, y, np.zeros(y.size + 1))
+        if moved is not None:
+            return moved[:2]
+    # A guess that is far from an orbit does not go on after its end as at its begin.
     segments = whole.solution.segments
-    status = segments.status[max(int(np.searchsorted(segments.starts, anchor, side="right")) - 1, 0)]
-    moved = problem.run(Start(anchor, z, v, status.copy()), anchor + problem.duration)
-    return *signature_of(problem, moved), moved
+    anchor = float(segments.starts[longest] + 0.5 * lengths[longest] / problem.loads.omega)
+    z, v = (part[:, 0] for part in whole.solution.modal(np.array([anchor])))
+    return signature_of(
+        problem, problem.run(Start(anchor, z, v, segments.status[longest].copy()), anchor + problem.duration)
+    )
 
 
 def orbit_near(problem: Shooting, guess: Array, steps: int = _STEPS) -> Solved:
@@ -48,33 +53,30 @@ def orbit_near(problem: Shooting, guess: Array, steps: int = _STEPS) -> Solved:
 
     Raises `ConvergenceError` if none is found. The message gives the least change over an orbit.
     """
-    chart, y, flow = signature_at(problem, guess)
-    change = _change(problem, flow)
+    now, change = _evaluated(problem, *signature_at(problem, guess))
     for _ in range(steps):
         if not np.isfinite(change):
             break
-        now = chart.evaluate(problem, y)
         found = _polished(now) if change <= _TRIED else None
         if found is not None:
-            found, ran = found.stripped(), chart.flow(problem, found.y)
+            found, ran = found.stripped(), found.chart.flow(problem, found.y)
             if found.repeats(ran):
-                return Solved(chart.unknowns(problem, found.y, found), found)
+                return Solved(found.chart.unknowns(problem, found.y, found), found)
             # Another signature is nearer to an orbit if it changes less.
-            if _change(problem, ran) < 0.5 * change:
-                (chart, y), change = signature_of(problem, ran), _change(problem, ran)
+            if found.closing < 0.5 * change:
+                now, change = _evaluated(problem, *signature_of(problem, ran))
                 continue
         moved = _moved(now, change)
         if moved is None:
             break
-        flow, change = moved
-        chart, y = signature_of(problem, flow)
+        now, change = _evaluated(problem, *signature_of(problem, moved))
     raise ConvergenceError(f"Newton's method left a residual of {change:.2e} of the motion")
 
 
-def _change(problem: Shooting, flow: Flow) -> float:
-    """Return the change of the state over an orbit, over the size of the motion."""
-    ends = problem.to_unknowns(flow.displacement, flow.velocity)
-    return relative(ends - problem.to_unknowns(flow.start.displacement, flow.start.velocity), flow.sizes)
+def _evaluated(problem: Shooting, chart: Signature, y: Array) -> tuple[SignatureEvaluation, float]:
+    """Return the equations along the segments of a run, and its change over an orbit over the size of the motion."""
+    now = chart.evaluate(problem, y)
+    return now, relative(now.residual[: problem.size], now.sizes)
 
 
 def _polished(now: SignatureEvaluation) -> SignatureEvaluation | None:
@@ -94,8 +96,8 @@ def _polished(now: SignatureEvaluation) -> SignatureEvaluation | None:
     return best if best.error <= ROUNDING else None
 
 
-def _moved(now: SignatureEvaluation, change: float) -> tuple[Flow, float] | None:
-    """Return a flow that changes less over an orbit and its change, after a Newton step of the state or part of it."""
+def _moved(now: SignatureEvaluation, change: float) -> Flow | None:
+    """Return a flow that changes less over an orbit, after a Newton step of the state or part of it."""
     problem, n, time = now.problem, now.problem.size, now.chart.anchor / now.problem.loads.omega
     step = direction(now.jacobian, now.residual)[:n]
     factor = 1.0
@@ -103,9 +105,9 @@ def _moved(now: SignatureEvaluation, change: float) -> tuple[Flow, float] | None
         z, v = problem.to_modes(now.y[:n] - factor * step)
         try:
             flow = problem.run(Start(time, z, v), time + problem.duration)
-            after = _change(problem, flow)
-            if after <= (1.0 - 0.1 * factor) * change:
-                return flow, after
+            after = problem.to_unknowns(flow.displacement - z, flow.velocity - v)
+            if relative(after, now.sizes) <= (1.0 - 0.1 * factor) * change:
+                return flow
         except ConvergenceError:
             pass
         factor *= 0.5

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,6 +62,30 @@ def _shorter(problem: Equations, x: Array, step: Array, now: Evaluation) -> tupl
             return x - factor * step, after
         factor *= 0.5
     return None
+
+
+def raised(
+    solve: Callable[[float, Array, Array], Array], track: list[tuple[float, Array]], goal: float, step: float,
+    *, least: float, largest: float = np.inf, shrink: float = 0.3, grow: float = 2.0,
+) -> list[tuple[float, Array]]:  # fmt: skip
+    """Return solutions along a number that is raised to a goal in steps, which become shorter where one fails.
+
+    `solve`: returns the solution at a value from a guess and the solution before it, or raises `ConvergenceError`.
+    `track`: values and solutions to begin from; the last two give a guess.
+    `least`: step below which the walk ends before its goal.
+    """
+    while track[-1][0] < goal and step >= least:
+        here, now = track[-1]
+        ahead = min(here + step, goal)
+        guess = now
+        if len(track) > 1:
+            guess = now + (now - track[-2][1]) * (ahead - here) / (here - track[-2][0])
+        try:
+            track = [*track, (ahead, solve(ahead, guess, now))]
+            step = min(grow * step, largest)
+        except ConvergenceError:
+            step *= shrink
+    return track
 
 
 def direction(matrix: Array, right: Array) -> Array:

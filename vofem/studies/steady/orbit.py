@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from vofem.initial import StoredState
 from vofem.lookup import rows_over
 from vofem.result import Result
 from vofem.scene import Scene
-from vofem.studies.steady.grazed import grazed
 from vofem.system import State
 from vofem.time_functions.parts import frequency_words
 
@@ -34,15 +33,23 @@ _NEAR = 1e-2
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _PANELS = 64
 
-#: Halvings of the time between samples that find an extreme.
-_HALVINGS = 60
-
 
 class Unknown:
     """Marks a value that is still to be computed."""
 
 
 UNKNOWN = Unknown()
+
+
+class OrbitMotion(Protocol):
+    """The motion along an orbit as its method knows it, without a run."""
+
+    def range_of(self, row: Array) -> tuple[float, float]:
+        """Return the least and the largest value of a row over the free degrees of freedom, shape (n,)."""
+
+    @property
+    def grazes(self) -> str:
+        """Name of a contact whose force jumps and that is grazed within rounding; empty without one."""
 
 
 @dataclass(frozen=True)
@@ -104,9 +111,8 @@ class PeriodicOrbit(Shown):
         State over the free degrees of freedom at t = 0 of the loads.
     stable : bool or None, optional
         Whether the orbit is stable, if this is known already.
-    extremes : callable, optional
-        Returns the least and the largest value of a row over the free degrees of freedom, shape (n,), along the orbit.
-        By default they are found in the result, which takes a run.
+    motion : callable
+        Returns the `OrbitMotion`.
 
     Attributes
     ----------
@@ -124,6 +130,7 @@ class PeriodicOrbit(Shown):
         multipliers: Complex | Callable[[], Complex | None] | None,
         residual: float,
         result: Callable[[], Result],
+        motion: Callable[[], OrbitMotion],
         truncation: OrbitTruncation | None = None,
         notes: tuple[str, ...] = (),
         unknowns: Array | None = None,
@@ -131,7 +138,6 @@ class PeriodicOrbit(Shown):
         decided: Callable[[], float] | None = None,
         start: State | None = None,
         stable: bool | Unknown | None = UNKNOWN,
-        extremes: Callable[[Array], tuple[float, float]] | None = None,
     ) -> None:
         self._scene, self.method = scene, method
         self.omega, self.periods = float(omega), int(periods)
@@ -141,7 +147,7 @@ class PeriodicOrbit(Shown):
         self.notes = list(notes)
         self.unknowns = unknowns
         self.autonomous = autonomous
-        self._make, self._decided, self._along = result, decided, extremes
+        self._make, self._decided, self._motion = result, decided, motion
         self.start = start
         self._stable = stable
         self._measured: tuple[Any, tuple[float, float]] | None = None
@@ -177,9 +183,9 @@ class PeriodicOrbit(Shown):
         bound.
         """
         laws = self.scene.model.system.contacts
-        if self.method != "shooting" or laws is None or not np.any(laws.jump & (laws.gap != 0.0)):
+        if laws is None or not np.any(laws.jump & (laws.gap != 0.0)):
             return ""
-        return grazed(self.result)
+        return self._motion().grazes
 
     @property
     def scene(self) -> Scene:
@@ -262,33 +268,9 @@ class PeriodicOrbit(Shown):
         """
         # Tables and pictures of a branch ask for one point again and again.
         if self._measured is None or self._measured[0] is not point:
-            self._measured = point, self._extremes(point)
+            row = rows_over(self.scene.model, self.scene.bodies, [point]).toarray()[0]
+            self._measured = point, self._motion().range_of(row)
         return self._measured[1]
-
-    def _extremes(self, point: Any) -> tuple[float, float]:
-        if self._along is not None:
-            return self._along(rows_over(self.scene.model, self.scene.bodies, [point]).toarray()[0])
-        result = self.result
-        times = self._corners
-        u, v = result.displacement(point, times), result.velocity(point, times)
-        turning = np.flatnonzero(v[:-1] * v[1:] < 0.0)
-        low, high = times[turning], times[turning + 1]
-        rising = v[turning] > 0.0
-        # Only neighbours of the largest samples are refined, because no other sample can be an extreme.
-        spread = float(np.ptp(u)) if u.size else 0.0
-        reach = np.maximum(np.abs(v[turning]), np.abs(v[turning + 1])) * (high - low)
-        top, bottom = np.maximum(u[turning], u[turning + 1]), np.minimum(u[turning], u[turning + 1])
-        wanted = np.where(rising, top + reach >= u.max(), bottom - reach <= u.min())
-        low, high, rising = low[wanted], high[wanted], rising[wanted]
-        if low.size and spread > 0.0:
-            for _ in range(_HALVINGS):
-                middle = 0.5 * (low + high)
-                before = (result.velocity(point, middle) > 0.0) == rising
-                low, high = np.where(before, middle, low), np.where(before, high, middle)
-                if np.all(high - low <= 1e-9 * self.period):
-                    break
-            u = np.concatenate([u, result.displacement(point, 0.5 * (low + high))])
-        return float(u.min()), float(u.max())
 
     def amplitude(self, point: Any) -> float:
         """Return half the difference between the largest and the least displacement of a point, m."""
@@ -318,9 +300,10 @@ class PeriodicOrbit(Shown):
             If count is negative or not a whole number.
         """
         count = whole("harmonics: count", count, least=0)
-        inner = self._events
         panels = _PANELS + 2 * count
-        edges = np.unique(np.concatenate([np.linspace(0.0, self.period, panels + 1), inner]))
+        events = np.asarray(self.result.solution.events.time, dtype=float)
+        edges = np.linspace(0.0, self.period, panels + 1)
+        edges = np.unique(np.concatenate([edges, events[(events > 0.0) & (events < self.period)]]))
         width = np.diff(edges)
         times = (edges[:-1, None] + 0.5 * width[:, None] * (1.0 + _NODES)).ravel()
         weights = (0.5 * width[:, None] * _WEIGHTS).ravel() / self.period
@@ -329,17 +312,6 @@ class PeriodicOrbit(Shown):
         coefficients = 2.0 * (turn @ (weights * u))
         coefficients[0] *= 0.5
         return coefficients
-
-    @property
-    def _events(self) -> Array:
-        """Times of contact events within the orbit."""
-        times = np.asarray(self.result.solution.events.time, dtype=float)
-        return times[(times > 0.0) & (times < self.period)]
-
-    @property
-    def _corners(self) -> Array:
-        """Sample times together with those of events."""
-        return np.unique(np.concatenate([self.result.times, self._events]))
 
 
 def by_modulus(multipliers: Complex) -> Complex:

@@ -20,7 +20,7 @@ TOLERANCE = 1e-12
 _STEPS, _GROWTH = 8, 10.0
 
 #: Step of the parameter by which derivatives are taken, in terms of the interval and of the value.
-_DIFFERENCE, _LEAST = 1e-6, 1e-9
+_DIFFERENCE, _LEAST = 1e-8, 1e-9
 
 #: Factor by which the residual falls in a step at least where the derivative with respect to the parameter is good.
 _SLOW = 0.02
@@ -125,27 +125,18 @@ class Interval:
 
 
 def derivative_by_value(family: Family, interval: Interval, chart: Any, y: Array, evaluation: Any) -> Array:
-    """Return the derivative of the residual with respect to the parameter, by differences, shape (n,).
+    """Return the derivative of the residual with respect to the parameter, by a difference, shape (n,).
 
-    Scenes are built for values inside the interval only, unless the value itself lies outside.
+    It gives directions of branches. Where a branch turns does not depend on its digits. The scene is built for a value
+    inside the interval, unless the value itself lies outside.
     """
     value = float(y[-1])
     step = max(_DIFFERENCE * interval.size, _LEAST * abs(value))
-    low, high = min(interval.start, interval.stop), max(interval.start, interval.stop)
-
+    beside = y.copy()
+    beside[-1] += -step if value > 0.5 * (interval.start + interval.stop) else step
     nodes = chart.nodes(evaluation) if len(getattr(chart, "switches", ())) > _MANY else None
-
-    def residual(away: float) -> Array:
-        beside = np.append(y[:-1], value + away)
-        return np.asarray(chart.evaluate(family.of(beside), y[:-1], derivative=False, nodes=nodes).residual)
-
-    if chart is ORIGIN:
-        step = -step if value > 0.5 * (low + high) else step
-        return np.asarray((residual(step) - evaluation.residual) / step)
-    if low <= value - step and value + step <= high:
-        return (residual(step) - residual(-step)) / (2.0 * step)
-    step = -step if value > 0.5 * (low + high) else step
-    return (4.0 * residual(step) - residual(2.0 * step) - 3.0 * evaluation.residual) / (2.0 * step)
+    moved = chart.evaluate(family.of(beside), y[:-1], derivative=False, nodes=nodes)
+    return np.asarray((moved.residual - evaluation.residual) / (beside[-1] - value))
 
 
 def corrected(

@@ -8,9 +8,15 @@ import numpy as np
 
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
+from vofem.studies.steady.extended import Extended, SpecialEquations
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.point import Interval, Point, corrected
+from vofem.studies.steady.newton import solved
+from vofem.studies.steady.point import Interval, Point
 from vofem.studies.steady.shooting import Shooting
+
+#: Steps of Newton's method to a flip, and how far it may lie from where the doubled orbits end, as a share of the
+#: interval.
+_NEWTON, _NEARBY = 12, 1e-2
 
 
 def repeats(first: Point, last: Point) -> Callable[[Point], float] | None:
@@ -45,27 +51,13 @@ def at_flip(family: Family, point: Point, interval: Interval) -> Point:
     half = family.over(problem.periods // 2)
     half.work = family.work
     single, guess = halved
-    scales = np.append(point.scales[: guess.size], interval.size)
-    fixed = np.append(np.zeros(guess.size), 1.0)
-
-    def distance(value: float) -> float:
-        nonlocal guess
-        y, evaluation, _ = corrected(half, single, np.append(guess, value), scales, fixed, np.zeros(guess.size), 12)
-        guess = y[:-1]
-        multipliers = np.asarray(evaluation.multipliers)
-        return float(np.prod((1.0 + multipliers) / np.maximum(1.0, np.abs(multipliers))).real)
-
+    equations = SpecialEquations(Extended(single, half, "period_doubling", interval.size))
     try:
-        here, there = point.value, point.value + 1e-6 * interval.size
-        at_here, at_there = distance(here), distance(there)
-        for _ in range(10):
-            if at_there == at_here or abs(there - here) <= 1e-15 * interval.size:
-                break
-            here, at_here, there = there, at_there, there - at_there * (there - here) / (at_there - at_here)
-            if abs(there - point.value) > 1e-2 * interval.size:
-                return point
-            at_there = distance(there)
+        found = solved(equations, np.append(guess, point.value), _NEWTON).unknowns
     except ConvergenceError:
+        return point
+    guess, there = found[:-1], float(found[-1])
+    if abs(there - point.value) > _NEARBY * interval.size:
         return point
     doubled, y = single.doubled(guess)
     problem = family.at(there)

@@ -52,6 +52,9 @@ _NEAR_ANCHOR = 0.15
 #: Height of an extreme on the wrong side, over the size of the motion, that is rounding.
 ROUNDING = 1e-11
 
+#: Height of an extreme or a touch, over the size of the motion, up to which an orbit grazes a contact.
+_GRAZED = 1e-12
+
 #: Length in rad by which two switches may be in the wrong order: those of several contacts at one time.
 AT_ONCE = 1e-9
 
@@ -114,14 +117,14 @@ class SignatureEvaluation:
         return replace(self, path=self.path.stripped())
 
     def range_of(self, row: Array) -> tuple[float, float]:
-        """Return the least and the largest value of a modal row, shape (n,), along the orbit."""
-        values: list[float] = []
+        """Return the least and the largest value of a row over the free degrees of freedom, shape (n,)."""
+        row, values = self.problem.modal_row(row), []
         turns: list[tuple[float, float, Motion, float, float]] = []
         for k, duration in enumerate(self.path.durations.tolist()):
             if duration <= 0.0:
                 continue
             motion, count = self.path.motion(k), _count(duration, self.problem.duration, _SAMPLES)
-            tau, (u,), (rate,) = motion.sampled(row[None], 0.0, duration, count)
+            tau, (u,), (rate,) = motion.sampled(row[None], (0.0, duration), (count,))
             values += [float(u.min()), float(u.max())]
             for i in np.flatnonzero(rate[:-1] * rate[1:] < 0.0).tolist():
                 reach = max(abs(rate[i]), abs(rate[i + 1])) * (tau[i + 1] - tau[i])
@@ -134,6 +137,24 @@ class SignatureEvaluation:
                 values.append(float(row @ motion.modes(np.array([place]))[0][:, 0]))
         return min(values), max(values)
 
+    @property
+    def grazes(self) -> str:
+        """Name of a contact whose force jumps and that the orbit grazes within rounding; empty without one.
+
+        It may touch the contact for a short time: a parabola is as high as a quarter of its time times its first rate.
+        """
+        laws, rows, path = self.problem.system.contacts, self.problem.space.contacts, self.path
+        assert laws is not None
+        n = self.problem.size // 2
+        heights = [(e.contact, abs(e.height)) for e in self.extremes]
+        for p, k in self.chart.touches:
+            contact, time = self.chart.switches[p].contact, float(path.durations[p + 1 : k + 1].sum())
+            heights.append(
+                (contact, 0.25 * abs(time * float(rows[contact] @ path.ends[p, n:]) / self.size_of(contact)))
+            )
+        jumps = laws.jump & (laws.gap != 0.0)
+        return next((laws.names[j] for j, height in heights if jumps[j] and height <= _GRAZED), "")
+
     @cached_property
     def extremes(self) -> list[Extreme]:
         """The extremes of all gap functions inside segments at which the contact might switch.
@@ -145,35 +166,25 @@ class SignatureEvaluation:
             contacts = np.flatnonzero(self.chart.statuses[k] < PINNED).tolist()
             if duration > 0.0 and contacts:
                 count = _count(duration, self.problem.duration, _SEARCHED)
-                found += self.extremes_in(k, contacts, (0.0, duration), count)
+                edges, counts = [0.0, duration], [count]
                 if count > 2 * _LEAST_SAMPLES:
-                    found += self._beside_switches(k, contacts, duration / count, found)
+                    # Finer steps beside switches, where a stiff contact rebounds quickly.
+                    near = _STEPS_AT_ENDS * duration / count
+                    edges, finer = [0.0, near, duration - near, duration], _STEPS_AT_ENDS * _FINER
+                    counts = [finer, count - 2 * _STEPS_AT_ENDS, finer]
+                found += self.extremes_in(k, contacts, edges, counts)
         return found
 
-    def _beside_switches(
-        self, segment: int, contacts: list[int], step: float, known: Sequence[Extreme]
-    ) -> list[Extreme]:
-        """Return further extremes in some steps at both ends of a segment, where a stiff contact rebounds quickly."""
-        duration, near = float(self.path.durations[segment]), _STEPS_AT_ENDS * step
-        found: list[Extreme] = []
-        for times in ((0.0, near), (duration - near, duration)):
-            found += self.extremes_in(segment, contacts, times, _STEPS_AT_ENDS * _FINER)
-        seen = [(e.contact, e.phase) for e in known if e.segment == segment]
-        alike = _SAME * self.chart.turn
-        # Those far from their gaps are of no use twice.
-        found = [e for e in found if e.height > _LOW]
-        return [e for e in found if not any(e.contact == c and abs(e.phase - phase) <= alike for c, phase in seen)]
-
     def extremes_in(
-        self, segment: int, contacts: Sequence[int], times: tuple[float, float], count: int
+        self, segment: int, contacts: Sequence[int], edges: Sequence[float], counts: Sequence[int]
     ) -> list[Extreme]:
-        """Return the extremes of some gap functions between two times of a segment, from a number of samples."""
+        """Return the extremes of some gap functions in a segment, from samples; see `Motion.sampled`."""
         problem, motion, found = self.problem, self.path.motion(segment), []
         laws, rows = problem.system.contacts, problem.space.contacts[contacts]
         assert laws is not None
         gaps, sizes = laws.gap[contacts], self.size_of(contacts)
         signs = np.where(self.chart.statuses[segment][contacts] == CLOSED, -1.0, 1.0)
-        tau, values, rates = motion.sampled(rows, *times, count)
+        tau, values, rates = motion.sampled(rows, edges, counts)
         values, rates = signs[:, None] * (values - gaps[:, None]) / sizes[:, None], signs[:, None] * rates
         for j, i in np.argwhere((rates[:, :-1] > 0.0) & (rates[:, 1:] <= 0.0)).tolist():
             step = tau[i + 1] - tau[i]
@@ -575,7 +586,7 @@ class Signature:
             high = min((later[0] / omega - begun) if later else duration, duration)
             if high <= low:
                 return None
-            found = evaluation.extremes_in(segment, [event.contact], (low, high), 32)
+            found = evaluation.extremes_in(segment, [event.contact], (low, high), (32,))
             return max(found, key=lambda e: e.height, default=None)
         return None
 

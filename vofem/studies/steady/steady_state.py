@@ -7,19 +7,29 @@ from typing import Any
 import numpy as np
 
 from vofem._validate import choice, whole
+from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.flow import Start
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.condensed import GOOD
-from vofem.studies.steady.methods import METHODS, chosen, problem_of
+from vofem.studies.steady.family import METHODS, chosen, problem_of
 from vofem.studies.steady.near import orbit_near
 from vofem.studies.steady.newton import Solved, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.problem import OrbitProblem
 from vofem.studies.steady.rebuild import like_guess
-from vofem.studies.steady.settle import from_rest
-from vofem.studies.steady.shooting import Shooting
+from vofem.studies.steady.shooting import Shooting, relative
+
+#: Largest number of periods of the loads in a transient.
+MOST_PERIODS = 200
+
+#: Relative change over an orbit below which Newton's method is tried, and the factor by which it must fall before the
+#: next trial.
+_TRY, _AGAIN = 1e-2, 0.1
+
+#: Steps of Newton's method in a trial, and the largest distance to its solution, in changes over an orbit.
+_STEPS, _FAR = 2, 200.0
 
 #: Closings slower than this, of the largest speed of the contact, are reported as grazings.
 _SLOW = 1e-3
@@ -95,8 +105,7 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
         problem = as_guess(problem, guess)
     notes: tuple[str, ...] = ()
     if guess is None and isinstance(problem, Shooting):
-        settled = from_rest(what, problem)
-        found, notes = settled.solved, settled.notes
+        found, notes = _from_rest(what, problem)
     else:
         try:
             start = problem.from_rest() if guess is None else problem.from_orbit(guess)
@@ -141,22 +150,21 @@ def as_guess(problem: Any, guess: Any) -> Any:
 def _with_enough_vectors(problem: Shooting, found: Solved) -> tuple[Shooting, Solved, tuple[str, ...]]:
     """Return an orbit of a large system, and notes. Vectors are added until twice as many change it little."""
     notes: tuple[str, ...] = ()
-    now = problem.condensed
-    while now is not None and problem.change is None:
-        more = now.more()
-        if more is None:
-            break
-        finer = problem.in_vectors(more)
+    if problem.condensed is None or problem.change is not None:
+        return problem, found, notes
+    for few in problem.condensed.doubled():
+        finer = problem.in_vectors(few.vectors.shape[1])
         state = problem.state(found.unknowns)
         better = orbit_near(finer, finer.from_state(state))
-        problem.change = now.change(state, finer.state(better.unknowns))
-        if problem.change > GOOD:
-            notes = (
-                f"half as many vectors give displacements that differ by {problem.change:.1e} of themselves; more are "
-                "not taken, so trust no more digits. With more damping an orbit needs fewer vectors",
-            )
-            problem, found, now = finer, better, finer.condensed
-    return problem, found, notes if problem.condensed is not None and problem.change is None else ()
+        problem.change = few.change(state, finer.state(better.unknowns))
+        if problem.change <= GOOD:
+            return problem, found, ()
+        notes = (
+            f"half as many vectors give displacements that differ by {problem.change:.1e} of themselves; more are "
+            "not taken, so trust no more digits. With more damping an orbit needs fewer vectors",
+        )
+        problem, found = finer, better
+    return problem, found, notes
 
 
 def seen_of(problem: Shooting, guess: Any) -> str:
@@ -174,3 +182,58 @@ def seen_of(problem: Shooting, guess: Any) -> str:
         where = f"with {abs(slow.rate):.2g} m/s at {slow.time:.6g} s"
         return f"Contact {laws.names[slow.contact]!r} is grazed nearby, {where}. "
     return ""
+
+
+def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
+    """Return the orbit that a motion from rest settles on, or one near the linear response, with a note.
+
+    Raises `ConvergenceError` if no orbit is found in either way.
+    """
+    x = problem.outside(np.zeros(problem.size))
+    level, change = _TRY, np.inf
+    for _ in range(max(1, MOST_PERIODS // problem.periods)):
+        z, v = problem.to_modes(x)
+        one = problem.run(Start(0.0, z, v), problem.duration)
+        after = problem.to_unknowns(one.displacement, one.velocity)
+        before, change = change, relative(after - x, one.sizes)
+        if not np.isfinite(change):
+            break
+        if change <= level and change <= before:
+            found = _tried(problem, after, change, one.sizes)
+            if found is not None:
+                return found, ()
+            level = _AGAIN * change
+        x = after
+    seen = f"after {MOST_PERIODS} periods from rest the motion still changes by {change:.2g} of itself over an orbit"
+    try:
+        found = orbit_near(problem, problem.from_rest())
+    except ConvergenceError as error:
+        regular = (
+            "another start, at which the motion is regular, such as one where no contact is touched"
+            if what == "continuation"
+            else "follow a branch from where the motion is regular with vofem.continuation"
+        )
+        raise ConvergenceError(
+            f"{what}: no orbit was found. {seen}: a subharmonic or chaotic motion, or little damping; and from the "
+            f"linear response {error}. Try more periods (periods=2, 3, ...), a guess= such as a run with more damping, "
+            f"or {regular}"
+        ) from error
+    note = f"{seen}, so this orbit was found from the linear response; motions need not settle on it"
+    return found, (note,)
+
+
+def _tried(problem: Shooting, x: Array, change: float, sizes: tuple[float, float]) -> Solved | None:
+    """Return the orbit that the transient approaches, or None where Newton's method does not find it from here."""
+    try:
+        found = orbit_near(problem, x, _STEPS)
+    except ConvergenceError:
+        return None
+    multipliers = found.evaluation.multipliers
+    assert multipliers is not None
+    size = np.abs(multipliers)
+    leading = float(size.max()) if size.size else 0.0
+    if leading > 1.0 + 1e-9:
+        return None
+    # The slowest multiplier determines how many times the change over an orbit remains.
+    reach = _FAR * change / max(1.0 - leading, 1e-2)
+    return found if relative(found.unknowns - x, sizes) <= reach else None

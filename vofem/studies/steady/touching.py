@@ -17,6 +17,7 @@ import numpy as np
 
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
+from vofem.integrators.event_driven.flow import Flow
 from vofem.studies.steady.between import Step, point_between
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.point import Interval, Point, corrected, derivative_by_value, tangent_at
@@ -113,7 +114,7 @@ def passage(family: Family, interval: Interval, now: Point, after: Point) -> Pas
     if not changes:
         flow = chart.flow(after.problem, after.y[:-1])
         repeats = after.evaluation.repeats(flow)
-        changes = [] if repeats else _touching(now, after)
+        changes = [] if repeats else _touching(now, after, flow)
         if not changes and not repeats:
             raise ConvergenceError(
                 f"the orbit does not repeat under an ordinary run, by {after.evaluation.closing:.1e} of the motion"
@@ -284,11 +285,12 @@ def _mark(chart: Signature, y: Array, k: int) -> Mark:
     return Mark(chart.switches[k].contact, float(chart.phases(y[:-1])[k]))
 
 
-def _touching(now: Point, after: Point) -> list[_Change]:
+def _touching(now: Point, after: Point, flow: Flow | None = None) -> list[_Change]:
     """Return extremes of gap functions that have come to the wrong side."""
     chart: Signature = now.chart
     wrong = [e for e in after.evaluation.extremes if e.height > ROUNDING]
-    first = chart.first_touch(after.evaluation, chart.flow(after.problem, after.y[:-1]))
+    flow = chart.flow(after.problem, after.y[:-1]) if flow is None else flow
+    first = chart.first_touch(after.evaluation, flow)
     if first is not None and first.height > ROUNDING and not any(_alike(chart, e.phase, first.phase) for e in wrong):
         wrong.append(first)
     earlier = now.evaluation.extremes if wrong else []
@@ -513,7 +515,8 @@ def _beyond(
             continue
         inner = _point(family, interval, chart, found, at.tangent)
         near = np.linalg.norm((found - guess) / at.scales) <= _ASIDE * step
-        if near and (inner.evaluation.repeats(chart.flow(inner.problem, found[:-1])) or _touching(at, inner)):
+        flow = chart.flow(inner.problem, found[:-1])
+        if near and (inner.evaluation.repeats(flow) or _touching(at, inner, flow)):
             return inner
     raise ConvergenceError("no orbit was found beside one that grazes a contact whose force jumps, or a rigid stop")
 

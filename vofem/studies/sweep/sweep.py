@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import nearest, number
+from vofem._validate import nearest, number, one_of, unknown
 from vofem.errors import ArgumentError
 from vofem.studies.sweep.points import Points
 from vofem.studies.sweep.worker import RESERVED, Row
@@ -94,8 +94,7 @@ class Sweep(Mapping[str, NDArray]):
 
     def __getitem__(self, name: str) -> NDArray:
         if name not in self._columns:
-            known = tuple(self._columns)
-            raise ArgumentError(f"sweep: no quantity is named {name!r}; there are {list(known)}{nearest(name, known)}")
+            raise unknown("quantity", name, self._columns)
         column = self._columns[name]
         return column.reshape(*self.points.shape, *column.shape[1:])
 
@@ -122,8 +121,7 @@ class Sweep(Mapping[str, NDArray]):
             If there is no such parameter.
         """
         if name not in self.points.names:
-            names = self.points.names
-            raise ArgumentError(f"sweep: no parameter is named {name!r}; there are {list(names)}{nearest(name, names)}")
+            raise unknown("parameter", name, self.points.names)
         values = _array([row[name] for row in self.points.rows])
         return values.reshape(*self.points.shape, *values.shape[1:])
 
@@ -193,8 +191,7 @@ class Sweep(Mapping[str, NDArray]):
         if self.points.axes is None or over not in self.points.names:
             names = self.points.names
             raise ArgumentError(
-                f"sweep: over is {over!r}, expected a parameter of a grid; there are {list(names)}"
-                f"{nearest(over, names)}"
+                f"sweep: over is {over!r}, expected a parameter of a grid: {one_of(tuple(names))}{nearest(over, names)}"
             )
         return column.astype(float), self.points.names.index(over)
 

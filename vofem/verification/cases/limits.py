@@ -16,16 +16,14 @@ from vofem.verification.case import (
     ALPHA,
     CENTRAL,
     CONSERVING,
-    DYNAMIC,
     EVENT_DRIVEN,
-    REFUSED,
-    REPORTED,
-    STOPPED,
     Case,
     How,
     Quantity,
     Run,
+    every,
     exact,
+    on_stop,
     stepping,
 )
 
@@ -63,12 +61,8 @@ def _restitution(zeta: float) -> Case:
     stiffness = 1e4
 
     def measure(run: Run) -> Mapping[str, float]:
-        mass = Mass(1.0)
-        stop = Contact(
-            mass, gap=0.1, stiffness=stiffness, damping=2.0 * zeta * np.sqrt(stiffness), side="below",
-            acts_on="penetration", name="stop",
-        )  # fmt: skip
-        result = run.simulate(Scene([mass], [stop], initial={mass: (0.0, -1.0)}), 0.5)
+        mass, damping = Mass(1.0), 2.0 * zeta * np.sqrt(stiffness)
+        result = run.simulate(on_stop(mass, 0.1, stiffness, (0.0, -1.0), side="below", damping=damping), 0.5)
         contact = result.contacts["stop"]
         return {
             "restitution": float(result.velocity(mass)[-1]),
@@ -97,17 +91,15 @@ def _rebound(phase: float, entries: int = 40) -> Case:
     def measure(run: Run) -> Mapping[str, float]:
         speeds = []
         for entry in np.arange(entries) / entries:
-            mass = Mass(1.0)
-            stop = Contact(mass, gap=0.0, stiffness=omega**2, side="above", acts_on="penetration", name="stop")
-            scene = Scene([mass], [stop], initial={mass: (-(3.0 + entry) * dt, 1.0)})
-            t_end = 12.0 * dt + 2.0 * np.pi / omega
-            speeds.append(-float(run.simulate(scene, t_end).velocity(mass)[-1]))
+            mass, t_end = Mass(1.0), 12.0 * dt + 2.0 * np.pi / omega
+            result = run.simulate(on_stop(mass, 0.0, omega**2, (-(3.0 + entry) * dt, 1.0)), t_end)
+            speeds.append(-float(result.velocity(mass)[-1]))
         return {"speed out, the worst of all [m/s]": max(speeds, key=lambda v: abs(v - 1.0))}
 
     how = exact(1e-12) | {CONSERVING: How(5e-13, {"dt": dt})}
-    reported = How(0.01, {"dt": dt}, REPORTED, "energy: ")
-    how[ALPHA] = reported if phase < 5.0 else How(0.01, {"dt": dt}, STOPPED, "blew up")
-    how[CENTRAL] = reported if phase < 2.0 else How(0.01, {"dt": dt}, REFUSED, "critical step")
+    reported = How(0.01, {"dt": dt}, "reported", "energy: ")
+    how[ALPHA] = reported if phase < 5.0 else How(0.01, {"dt": dt}, "stopped", "blew up")
+    how[CENTRAL] = reported if phase < 2.0 else How(0.01, {"dt": dt}, "refused", "critical step")
     quantities = (Quantity("speed out, the worst of all [m/s]", 1.0),)
     name = f"rebound of a free mass, {entries} entries, omega dt = {phase:g}"
     return Case(6, name, "closed form", quantities, measure, how)
@@ -143,13 +135,8 @@ def _nearly_zeno(zeta: float, impacts: int) -> Case:
     rest = 2.0 * e / (10.0 * (1.0 - e))
 
     def measure(run: Run) -> Mapping[str, float]:
-        mass = Mass(1.0)
-        stop = Contact(
-            mass, gap=0.0, stiffness=omega**2, damping=2.0 * zeta * omega, side="below", acts_on="penetration",
-            name="stop",
-        )  # fmt: skip
-        scene = Scene([mass], [stop, Gravity(10.0)], initial={mass: (0.0, -1.0)})
-        t_end = 1.1 * rest + 0.02
+        mass, t_end = Mass(1.0), 1.1 * rest + 0.02
+        scene = on_stop(mass, 0.0, omega**2, (0.0, -1.0), Gravity(10.0), side="below", damping=2.0 * zeta * omega)
         result = run.simulate(scene, t_end, times=[0.0, t_end])
         closings = result.contacts["stop"].closings
         return {"impacts": float(closings.size), "final position [m]": float(result.displacement(mass)[-1])}
@@ -165,17 +152,14 @@ def _nearly_zeno(zeta: float, impacts: int) -> Case:
 def _grazing(depth: float) -> Case:
     def measure(run: Run) -> Mapping[str, float]:
         mass = Mass(1.0, stiffness=1.0)
-        stop = Contact(mass, gap=1.0 - depth, stiffness=1e-9, side="above", acts_on="penetration", name="stop")
-        result = run.simulate(Scene([mass], [stop], initial={mass: (0.0, 1.0)}), 20.0 * np.pi)
+        result = run.simulate(on_stop(mass, 1.0 - depth, 1e-9, (0.0, 1.0)), 20.0 * np.pi)
         return {"crossings": float(result.counters.events)}
 
     how = exact(0.0)
     for method in (CONSERVING, ALPHA, CENTRAL):
         # Numerical dissipation would take the motion out of the stop's reach.
-        more = {"rho_infinity": 1.0} if method == ALPHA else {}
-        how[method] = (
-            How(0.0, {"dt": 1e-3, **more}, REPORTED, "passed over") if depth < 1e-7 else How(0.0, {"dt": 1e-3, **more})
-        )
+        options = {"dt": 1e-3, **({"rho_infinity": 1.0} if method == ALPHA else {})}
+        how[method] = How(0.0, options, "reported", "passed over") if depth < 1e-7 else How(0.0, options)
     quantities = (Quantity("crossings", 20.0),)
     name = f"grazing by {depth:g} m, ten periods"
     return Case(10, name, "closed form", quantities, measure, how)
@@ -205,7 +189,7 @@ def _scaled(name: str, length: float, mass: float, time: float, exact: float, st
         return {"largest difference": float(np.max(np.abs(histories[1] - histories[0])) / size)}
 
     quantities = (Quantity("largest difference", 0.0, relative=False),)
-    how = {method: How(exact if method == EVENT_DRIVEN else steps) for method in DYNAMIC}
+    how = every(steps) | {EVENT_DRIVEN: How(exact)}
     return Case(24, f"units scaled {name}", "the scene in SI units", quantities, measure, how)
 
 
@@ -214,8 +198,7 @@ def _scaled(name: str, length: float, mass: float, time: float, exact: float, st
 
 def _oscillator(velocity: float, load: Load) -> Scene:
     mass = Mass(1.0, stiffness=1.0, name="ball")
-    stop = Contact(mass, gap=0.1, stiffness=10.0, side="above", acts_on="penetration")
-    return Scene([mass], [stop, PointLoad(mass, load)], initial={mass: (0.0, velocity)})
+    return on_stop(mass, 0.1, 10.0, (0.0, velocity), PointLoad(mass, load))
 
 
 def _bad_load(value: float) -> Case:
@@ -226,8 +209,8 @@ def _bad_load(value: float) -> Case:
         run.simulate(_oscillator(0.0, function), 2.0)
         return {"none": 0.0}
 
-    how = {method: How(0.0, expected=STOPPED, says=r"load function .* at t = 1\.00") for method in DYNAMIC[1:]}
-    how[EVENT_DRIVEN] = How(0.0, expected=REFUSED, says="no closed form")
+    how = every(expected="stopped", says=r"load function .* at t = 1\.00")
+    how |= exact(expected="refused", says="no closed form")
     name = f"a load that turns {value} at 1 s"
     return Case(25, name, "a typed error", (Quantity("none", 0.0, False),), measure, how)
 
@@ -237,10 +220,8 @@ def _bad_start() -> Case:
         run.simulate(_oscillator(np.nan, 0.1), 2.0)
         return {"none": 0.0}
 
-    how = {method: How(0.0, expected=REFUSED, says="initial velocity of Mass 'ball'") for method in DYNAMIC}
-    return Case(
-        25, "a start velocity that is not a number", "a typed error", (Quantity("none", 0.0, False),), measure, how
-    )
+    how, nothing = every(expected="refused", says="initial velocity of Mass 'ball'"), (Quantity("none", 0.0, False),)
+    return Case(25, "a start velocity that is not a number", "a typed error", nothing, measure, how)
 
 
 # -- Hard case 31: loads that are shorter, or faster, than a step
@@ -335,6 +316,6 @@ def _between_stops(stiffness: float) -> Case:
     )
     how = exact(1e-8) | {method: How(_TOL * deepest, {"tol": _TOL}) for method in (CONSERVING, ALPHA)}
     # This method has no steps under a tolerance, and refuses the argument.
-    how |= {CENTRAL: How(0.0, {"tol": _TOL}, REFUSED, "tol was given")}
+    how |= {CENTRAL: How(0.0, {"tol": _TOL}, "refused", "tol was given")}
     return Case(32, f"free mass between stops of {stiffness:.0e} N/m, tol = {_TOL:g}", "closed form", quantities,
                 measure, how)  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from importlib.resources import files
 from typing import Any
 
@@ -33,13 +33,12 @@ from vofem.verification.case import (
     CENTRAL,
     CONSERVING,
     EVENT_DRIVEN,
-    REFUSED,
-    REPORTED,
     Case,
     How,
     Quantity,
     Run,
     exact,
+    on_stop,
     stepping,
 )
 from vofem.verification.cases import masses
@@ -48,23 +47,17 @@ from vofem.verification.cases import masses
 def cases() -> Iterator[Case]:
     """Yield the cases."""
     yield _frequencies("simply supported beam", "vpcs_sdll05_ss_beam", _simply_supported, ("f1", "f2"))
-    yield _frequencies("beam with a sprung mass, bare", "vpcs_sdll04_sprung_mass", _bare, ("f1", "f2"), "bare")
+    bare = "beam with a sprung mass, bare"
+    yield _frequencies(bare, "vpcs_sdll04_sprung_mass", _simply_supported, ("f1", "f2"), "bare")
     for index in (1, 2):
         m = published("vpcs_sdll04_sprung_mass")["parameters"]["m"][index]
-
-        def sprung(p: Mapping[str, Any], index: int = index) -> Scene:
-            return _sprung(p, index)
-
-        name = f"beam with a sprung mass of {m:g} kg"
+        sprung, name = partial(_sprung, index=index), f"beam with a sprung mass of {m:g} kg"
         yield _frequencies(name, "vpcs_sdll04_sprung_mass", sprung, ("f1", "f2", "f3"), f"m={m:g}")
     yield _frequencies(
         "cantilever tube with a tip mass", "vpcs_sdll15_tip_mass", _tip_mass, ("f1", "f2", "f3", "f4"), "bending"
     )
     for at, width in (("case 1", 0.04), ("case 2", 0.05)):
-
-        def tapered(p: Mapping[str, Any], width: float = width) -> Scene:
-            return _tapered(p, width)
-
+        tapered = partial(_tapered, root_width=width)
         yield _frequencies(
             f"tapered cantilever, {at}", "vpcs_sdll09_tapered", tapered, [f"f{k}" for k in range(1, 6)], at
         )
@@ -148,10 +141,6 @@ def _frequencies(
 
 def _simply_supported(p: Mapping[str, Any]) -> Scene:
     return Scene([Beam(p["L"], p["E"] * p["I"], p["rho"] * p["A"], 40, PINNED)])
-
-
-def _bare(p: Mapping[str, Any]) -> Scene:
-    return _simply_supported(p)
 
 
 def _sprung(p: Mapping[str, Any], index: int) -> Scene:
@@ -255,8 +244,7 @@ def _bilinear(run: Run) -> Mapping[str, float]:
 def _ball(run: Run) -> Mapping[str, float]:
     m, k, g, h = (published("ansys_vm65_ball")["parameters"][key] for key in ("m", "k", "g", "h"))
     ball = Mass(m)
-    stop = Contact(ball, gap=h, stiffness=k, side="below", acts_on="penetration", name="stop")
-    result = run.simulate(Scene([ball], [stop, Gravity(g)]), 0.2)
+    result = run.simulate(on_stop(ball, h, k, None, Gravity(g), side="below"), 0.2)
     impact = float(result.contacts["stop"].closings[0])
     velocity = float(result.velocity(ball, t=impact)[0])
     return {"impact_time": impact, "impact_velocity": velocity, "kinetic_energy (impact)": 0.5 * m * velocity**2}
@@ -308,7 +296,7 @@ def _loose_tube() -> Case:
 
     how = exact(slow=True) | stepping(1e-5, slow=True)
     # The highest modes are overdamped: 7e6 1/s.
-    how[CENTRAL] = How(0.0, {"dt": 1e-5}, REFUSED, "critical step")
+    how[CENTRAL] = How(0.0, {"dt": 1e-5}, "refused", "critical step")
     assert p["elements"] % 4 == 0
     name = "tube that rattles in loose supports"
     return Case(None, name, source(data), _quantities(names, entries), measure, how)
@@ -358,9 +346,9 @@ def _zener() -> Case:
     how = {
         EVENT_DRIVEN: How(4e-9),
         CONSERVING: How(2e-6, {"dt": 1e-4}),
-        ALPHA: How(2e-6, {"dt": 1e-4}, REPORTED, "energy: "),
+        ALPHA: How(2e-6, {"dt": 1e-4}, "reported", "energy: "),
     }
-    how[CENTRAL] = How(0.0, {"dt": 1e-4}, REFUSED, "critical step")
+    how[CENTRAL] = How(0.0, {"dt": 1e-4}, "refused", "critical step")
     return Case(None, "mass on a Zener element", source(data), quantities, measure, how)
 
 
@@ -390,7 +378,7 @@ def _softening() -> Case:
     how = {method: How(1e-9, {"dt": 5e-4}) for method in (ALPHA, CENTRAL)}
     # The error is 2.8e-9 m at the step of the others, and falls with its square.
     how[CONSERVING] = How(1e-9, {"dt": 2.5e-4}, slow=True)
-    how[EVENT_DRIVEN] = How(0.0, expected=REFUSED, says="no closed form|not piecewise linear")
+    how[EVENT_DRIVEN] = How(0.0, expected="refused", says="no closed form|not piecewise linear")
     return Case(None, "softening spring, manufactured solution", source(data), quantities, measure, how)
 
 

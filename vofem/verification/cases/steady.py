@@ -10,7 +10,7 @@ from vofem.bodies import Mass
 from vofem.effects import Contact, Dashpot, PointLoad, Sine, Spring, Springpot
 from vofem.scene import Scene
 from vofem.studies.steady import backbone
-from vofem.verification.case import HARMONIC_BALANCE, SHOOTING, Case, How, Quantity, Run
+from vofem.verification.case import HARMONIC_BALANCE, SHOOTING, Case, How, Quantity, Run, on_stop
 
 
 def cases() -> Iterator[Case]:
@@ -28,11 +28,10 @@ _INDEPENDENT = "independent program: matrix exponentials between events, shootin
 _ORBIT = (0.9613616024620069, 0.6578832109672325, 0.3167908536144315, 0.08600155491013046)
 
 
-def bilinear(omega: float) -> tuple[Mass, Scene]:
-    """Return a mass that touches a stop without a gap, under a sine of 1 N, and its scene."""
+def bilinear(omega: float) -> Scene:
+    """Return a mass that touches a stop without a gap, under a sine of 1 N."""
     mass = Mass(1.0, stiffness=1.0, damping=0.1, name="mass")
-    stop = Contact(mass, gap=0.0, stiffness=8.0, side="above", acts_on="penetration", name="stop")
-    return mass, Scene([mass], [stop, PointLoad(mass, Sine(1.0, omega))])
+    return on_stop(mass, 0.0, 8.0, None, PointLoad(mass, Sine(1.0, omega)))
 
 
 def _bilinear_branch() -> Case:
@@ -43,7 +42,7 @@ def _bilinear_branch() -> Case:
     }
 
     def measure(run: Run) -> Mapping[str, float]:
-        branch = run.continuation(lambda omega: bilinear(omega)[1], 2.5, 0.75)
+        branch = run.continuation(bilinear, 2.5, 0.75)
         doublings = [point.value for point in branch.special if point.kind == "period_doubling"]
         grazing = next(point.value for point in branch.special if point.kind == "grazing")
         found = {"doubling": max(doublings), "lower doubling": sorted(doublings)[-2], "grazing": grazing}
@@ -133,8 +132,7 @@ def _two_mode_backbones() -> Case:
         stop = Contact(right, gap=0.0, stiffness=5.0, side="above", acts_on="penetration", name="stop")
         scene = Scene([left, right], [Spring(left, right, stiffness=1.0), stop])
         found = {f"mode {mode} [rad/s]": float(backbone(scene, mode, [1.0]).omega[0]) for mode in known}
-        mass = Mass(1.0, stiffness=1.0, name="mass")
-        alone = Scene([mass], [Contact(mass, gap=0.0, stiffness=8.0, side="above", acts_on="penetration", name="stop")])
+        alone = on_stop(Mass(1.0, stiffness=1.0, name="mass"), 0.0, 8.0)
         return found | {"one mass [rad/s]": float(backbone(alone, 1, [1.0]).omega[0])}
 
     quantities = tuple(Quantity(f"mode {mode} [rad/s]", value) for mode, value in known.items())

@@ -1,4 +1,4 @@
-"""Paths of equilibria under a load that changes slowly."""
+"""Equilibria with contact: one, and a path of them under a load that changes slowly."""
 
 from __future__ import annotations
 
@@ -7,16 +7,77 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import array
+from vofem._validate import array, number
 from vofem.arrays import Array
 from vofem.assembly import Model
 from vofem.errors import ArgumentError, ConvergenceError, LimitLoadError
+from vofem.integrators.stepping.energies import contact_energy, strain_energy
 from vofem.kernels.choice import by_need
 from vofem.scene import Scene, as_scene
-from vofem.statics.held import check_held
-from vofem.statics.path_outcome import ContactPath, QuasiStatic, SpringPath
-from vofem.statics.work_balance import printed_notes, taken, work_notes
-from vofem.system import CLOSED, PINNED, refuse_travelling
+from vofem.statics.outcome import ContactPath, Equilibrium, QuasiStatic, SpringPath, StaticContact
+from vofem.statics.solver import EquilibriumSolver, check_held, solver_of
+from vofem.system import CLOSED, OPEN, PINNED, System, refuse_travelling
+
+
+def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
+    """Return the static equilibrium of a scene under its loads at time t.
+
+    Under ``acts_on="displacement"`` there are loads for which the contact is in
+    equilibrium neither open nor closed. It then rests exactly at its gap: its
+    status is "pinned", and its reaction is returned. Dampers and springpots carry
+    no constant force and are left out.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    t : float
+        Time in s at which the loads are taken.
+
+    Raises
+    ------
+    SingularSystemError
+        If the structure, held by its supports and by the contacts that carry
+        load, can still move freely.
+    """
+    t = number("equilibrium: t", t)
+    return _equilibrium(as_scene("equilibrium", scene), t)
+
+
+@by_need("statics")
+def _equilibrium(scene: Scene, t: float) -> Equilibrium:
+    model = scene.model
+    system = model.system
+    refuse_travelling("equilibrium", system)
+    for group in system.laws:
+        reason = group.statics_refusal(path=False)
+        if reason is not None:
+            raise ArgumentError(reason)
+    force = system.force(t)
+    if not any(group.static for group in system.laws):
+        check_held(model, None)
+        return Equilibrium(model, solver_of(system)(force), {}, 0, scene.effects, t)
+    solver = EquilibriumSolver(system, force)
+    check_held(model, solver.rows.toarray())
+    start = np.full(solver.u.size, CLOSED if system.rigid.shape[1] else OPEN)
+    status, reaction, found = solver.solve(1.0, start)
+    check_held(model, solver.bearing(status))
+    laws = system.contacts
+    if not found:
+        labels = [label for group in solver.groups for label in group.labels]
+        raise ConvergenceError(
+            f"the equilibrium was not found in {solver.iterations} steps; {', '.join(labels)} with stiffness "
+            f"{solver.stiffness.tolist()} N/m may differ too much in magnitude"
+        )
+    q = solver.displacement(1.0, reaction)
+    names = {OPEN: "open", CLOSED: "closed", PINNED: "pinned"}
+    contacts = {}
+    if laws is not None:
+        reaction = solver.borne(reaction)
+        for j, name in enumerate(laws.names):
+            contacts[name] = StaticContact(float(reaction[j]), names[int(status[j])], float(solver.u[j] - laws.gap[j]))
+    return Equilibrium(model, q, contacts, solver.iterations, scene.effects, t)
+
 
 #: A spring that bears more than this fraction of its limit load has reached it.
 _AT_LIMIT = 1.0 - 1e-12
@@ -80,8 +141,6 @@ def quasi_static(scene: Scene, load_factors: ArrayLike) -> QuasiStatic:
 
 @by_need("statics")
 def _linear(model: Model, force: Array, factors: Array) -> QuasiStatic:
-    from vofem.statics.solver import solver_of
-
     check_held(model, None)
     q = solver_of(model.system)(force)
     states = q[:, None] * factors
@@ -102,8 +161,6 @@ def _driven(model: Model, forces: Array, factors: Array) -> QuasiStatic:
 
 @by_need("statics")
 def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
-    from vofem.statics.solver import EquilibriumSolver
-
     system = model.system
     solver = EquilibriumSolver(system, force)
     check_held(model, solver.rows.toarray())
@@ -153,3 +210,59 @@ def _check_limit(model: Model, solver: Any, pulls: Array, factor: float, force: 
         f"load of {limit:.6g} {unit}, and no equilibrium exists beyond it. Load it less, or change its softening",
         load, factor, limit,
     )  # fmt: skip
+
+
+#: Missing energy, over the largest energy, above which there is a note.
+_WORTH = 1e-6
+
+
+def taken(system: System, q: Array, energies: Array) -> Array:
+    """Return the energy in J stored and dissipated by bodies, springs and contacts at each factor, (n_factors,).
+
+    `q` has shape (n, n_factors).
+    `energies` (shape (2, m, n_factors)): energy stored and energy dissipated by laws with internal variables, J.
+    """
+    times = np.zeros(q.shape[1])
+    whole = strain_energy(system, q, times) + contact_energy(system.contacts, q, times) + energies.sum(axis=(0, 1))
+    return np.asarray(whole)
+
+
+def work_notes(factors: Array, way: Array, energy: Array) -> list[str]:
+    """Return a note if the work is not balanced along a path from the unloaded state.
+
+    The force of every law rises along rising elongations and falls along falling ones. The same holds for the load over
+    the displacement on which it does work. The work of a step therefore lies between the products of this displacement
+    with the load at the two ends of the step. A wrong equilibrium lies outside these bounds.
+
+    `factors` has shape (n_factors,).
+    `way` (shape (n_factors,)): product of the load vector at factor 1 with the displacements, J.
+    `energy` (shape (n_factors,)): energy stored and dissipated since the path began, J.
+    """
+    load, far, held = (np.concatenate([[0.0], part]) for part in (factors, way, energy))
+    ends = np.diff(far) * np.stack([load[:-1], load[1:]])
+    gained = np.diff(held)
+    off = np.maximum(ends.min(axis=0) - gained, gained - ends.max(axis=0))
+    scale = float(max(np.max(np.abs(held)), np.max(np.abs(load * far))))
+    worst = int(np.argmax(off))
+    if not off[worst] > _WORTH * scale:
+        return []
+    return [
+        f"energy: from load factor {load[worst]:g} to {load[worst + 1]:g} bodies, springs and contacts take "
+        f"{gained[worst]:.4g} J, while the loads' work lies between {ends[:, worst].min():.4g} and "
+        f"{ends[:, worst].max():.4g} J: rounding has spoilt an equilibrium there, or a law's force falls while its "
+        "elongation rises; make stiff parts less stiff, or check the laws"
+    ]
+
+
+def printed_notes(name: str, factors: Array, lost: Array) -> list[str]:
+    """Return a note if the law of Eq. 22 returns energy that it had dissipated; energies in J, shape (n_factors,)."""
+    steps = np.diff(lost, prepend=0.0)
+    worst = int(np.argmin(steps))
+    if not steps[worst] < -_WORTH * float(np.max(np.abs(lost))):
+        return []
+    before = factors[worst - 1] if worst else 0.0
+    return [
+        f"energy: from load factor {before:g} to {factors[worst]:g} HystereticSpring {name!r} gives back "
+        f"{-steps[worst]:.4g} J that it had dissipated, as Eqs. 22-25 forget the residual elongation when the load "
+        "rises again; memory='cyclic' remembers it"
+    ]

@@ -1,4 +1,4 @@
-"""Shapes of a beam at given times, with its stops, beside other results."""
+"""Shapes of a beam at given times, and maps of a motion over time and place."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vofem._validate import array
 from vofem.bodies import Beam
 from vofem.errors import ArgumentError
+from vofem.histories.impacts import window_of
 from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, ink, legend, plain, stroke, text_size
-from vofem.io.pictures.places import Place, along_beam, one_beam
+from vofem.io.pictures.histories import closed_intervals, end_of, times_of
+from vofem.io.pictures.places import Place, along_beam, between_masses, is_line, one_beam, one_line
 from vofem.io.pictures.units import length
 from vofem.result import Result
 from vofem.scene import Scene
@@ -67,7 +70,7 @@ def shapes(
     """
     runs: Mapping[str, Outcome] = outcome if isinstance(outcome, Mapping) else {"": outcome}
     others: Mapping[str, Any] = beside if isinstance(beside, Mapping) else dict.fromkeys(runs, beside)
-    at = [None] if times is None else [float(t) for t in np.atleast_1d(np.asarray(times, dtype=float))]
+    at = [None] if times is None else np.atleast_1d(array("shapes: times", times)).tolist()
     drawn = {title: _Shapes(run, at, scene, body) for title, run in runs.items()}
     factor, unit = length(max(float(np.max(np.abs(shape.eta))) for shape in drawn.values()))
     width = 9.0 if len(runs) == 1 else 2.0 + 4.6 * len(runs)
@@ -146,3 +149,74 @@ def _draw_stops(axes: Any, places: list[Place], size: float, factor: float) -> N
         for group in np.split(at, np.flatnonzero(np.diff(at) > 5.0 * near) + 1):
             ends = (group[0] - near, group[-1] + near)
             axes.plot(ends, [surface / factor] * 2, color="#8d929b", linewidth=stroke(2.5), label=_SURFACE)
+
+
+#: Times, and points along a beam, at which the motion is drawn.
+_TIMES, _PLACES = 1201, 201
+
+
+@figure
+def space_time(
+    result: Result, path: Where = None, *, body: Beam | str | None = None, ax: Any = None,
+    window: tuple[float, float] | None = None,
+) -> Any:  # fmt: skip
+    """Draw displacements as colours over time and place, and closed contacts as lines.
+
+    The place is x along a beam. In a scene that has only masses it is the number of the mass, and a contact lies
+    between the two that it joins. If a few places move much further than the others, the colours end at three times the
+    root mean square displacement, and the colour bar has arrows.
+
+    Parameters
+    ----------
+    result : Result
+    body : Beam or name, optional
+        The beam. It must be given if the scene has several beams, or beams and masses.
+
+    Raises
+    ------
+    ArgumentError
+        If `body` is needed and missing.
+    """
+    times = times_of(result, *window_of("space_time", window, end_of(result)), _TIMES)
+    if times.size < 2:
+        raise ArgumentError(f"space_time: the run stored {times.size} times in this window, expected two or more")
+    lines = [b for b in result.scene.bodies if is_line(b)]
+    masses = body is None and not lines
+    if body is None and lines and len(lines) < len(result.scene.bodies):
+        raise ArgumentError("the scene has beams and masses; say which beam with body=")
+    if masses:
+        eta = np.array([result.displacement(b, times) for b in result.scene.bodies])
+        x = np.arange(1.0, 1.0 + len(eta))
+        places = between_masses(result.scene)
+    else:
+        line = one_line(result.scene, body)
+        if isinstance(line, Beam):
+            x = np.linspace(line.nodes[0], line.nodes[-1], _PLACES)
+            eta = result.deflection(x, times, line)
+        else:
+            x, eta = line.shape.x, result.along_shape(line, times)
+        places = along_beam(result.scene, line)
+    peak = float(np.max(np.abs(eta)))
+    bound = min(peak, 3.0 * float(np.sqrt(np.mean(eta**2))))
+    factor, unit = length(bound)
+    canvas = Canvas("space_time", path, ax, (10.0, 5.2))
+    axes = canvas.grid[0, 0]
+    axes.grid(False)
+    limit = bound / factor or 1.0
+    style: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -limit, "vmax": limit, "rasterized": True}
+    # Masses are bands with an edge where their contact lies; a beam has no edges.
+    colors = axes.pcolormesh(times, x, eta / factor, shading="nearest" if masses else "gouraud", **style)
+    spans = [(p.x, start, stop) for p in places for start, stop in closed_intervals(result, p.name)]
+    if spans:
+        at, start, stop = np.array(spans).T
+        axes.hlines(at, start, stop, color=ink(), linewidth=stroke(2.4) if masses else 1.4, label="closed contact")
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=text_size(9))
+    if masses:
+        axes.yaxis.get_major_locator().set_params(integer=True)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("mass number [-]" if masses else "x [m]")
+    axes.set_xlim(times[0], times[-1])
+    axes.set_ylim((0.5, x[-1] + 0.5) if masses else (x[0], x[-1]))
+    extend = "both" if bound < peak else "neither"
+    canvas.figure.colorbar(colors, ax=axes, label=f"displacement [{unit}]", pad=0.02, extend=extend)
+    return canvas

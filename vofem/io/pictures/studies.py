@@ -1,0 +1,362 @@
+"""Pictures of studies: bifurcation diagrams, basins, maps of steady states, sweeps and fits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem._validate import choice, wrong
+from vofem.errors import ArgumentError
+from vofem.fitting import Fit
+from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, figure, ink, legend, plain, stroke, text_size
+from vofem.io.scene_file import point_named
+from vofem.studies.diagrams import Basins, BifurcationDiagram, StabilityMap
+from vofem.studies.steady import Branch
+from vofem.studies.sweep import Sweep
+
+#: How the samples of each start are named in a legend.
+_STARTS = {"rest": "from the initial state", "up": "along rising values", "down": "along falling values"}
+
+#: Marks of special points; the others are squares.
+_MARKS = {"grazing": "v", "fold": "o", "period_doubling": "D"}
+
+#: Size of the points of a diagram of one value, in points; of many values it is divided among them.
+_AREA = 240.0
+
+#: Most attractors that have a colour of their own.
+_MOST = len(COLORS)
+
+
+@figure
+def bifurcation(
+    diagram: BifurcationDiagram,
+    path: Where = None,
+    *,
+    point: Any = None,
+    branches: Sequence[Branch] = (),
+    label: str = "parameter",
+    ylim: tuple[float, float] | None = None,
+    ax: Any = None,
+) -> Any:
+    """Draw stroboscopic samples of a displacement over a parameter, with continued branches of orbits on top.
+
+    Parameters
+    ----------
+    diagram : BifurcationDiagram
+    point : point, optional
+        The point whose displacement is drawn. The default is the first one of the diagram.
+    branches : sequence of Branch
+        Their stable parts are drawn as solid lines, the others dashed.
+    label : str
+        Label of the axis: name and unit of the parameter.
+    ylim : tuple of float, optional
+        Limits of the displacement, m.
+
+    Raises
+    ------
+    ArgumentError
+        If the diagram has no such point.
+    """
+    canvas = Canvas("bifurcation", path, ax, (9.0, 5.2))
+    axes = canvas.grid[0, 0]
+    size = float(np.clip(_AREA / diagram.values.size, 0.8, 3.5))
+    for color, start in zip((COLORS[1], COLORS[0], COLORS[2]), diagram.samples, strict=False):
+        samples = diagram.displacement(point, start)
+        values = np.broadcast_to(diagram.values[:, None], samples.shape)
+        axes.plot(
+            values.ravel(), samples.ravel(), "o", color=color, markersize=size, markeredgewidth=0, rasterized=True
+        )
+        axes.plot([], [], "o", color=color, markersize=4, label=_STARTS[start])
+    named: set[str] = set()
+    for branch in branches:
+        for stable, along, positions in _pieces(branch, diagram, point):
+            style = "-" if stable else "--"
+            name = "stable orbits" if stable else "unstable orbits"
+            axes.plot(
+                along, positions, style, color=ink(), linewidth=stroke(1.1), label=None if name in named else name
+            )
+            named.add(name)
+        for special in branch.special:
+            position = _positions(special.orbit, branch.periods, diagram, point)
+            values = np.full(position.shape, special.value)
+            name = special.kind.replace("_", " ")
+            once = None if name in named else name
+            axes.plot(
+                values, position, _MARKS.get(special.kind, "s"), color=ink(), mfc="white", markersize=6, label=once
+            )
+            named.add(name)
+    axes.set(xlabel=plain(label), ylabel="displacement once a period [m]")
+    if ylim is not None:
+        axes.set_ylim(*ylim)
+    legend(axes)
+    return canvas
+
+
+def _pieces(branch: Branch, diagram: BifurcationDiagram, point: Any) -> list[tuple[bool, list[float], NDArray]]:
+    """Return the parts of a branch of one stability: values, and displacements at the beginning of each period.
+
+    Neighbouring parts meet at the special point between them.
+    """
+    pieces: list[tuple[bool, list[float], list[NDArray]]] = []
+    for k, (value, orbit) in enumerate(zip(branch.values, branch.orbits, strict=True)):
+        position = _positions(orbit, branch.periods, diagram, point)
+        stable = bool(orbit.stable)
+        if pieces and pieces[-1][0] != stable:
+            joint = next((special for special in branch.special if k - 1 <= special.place <= k), None)
+            if joint is not None:
+                between = _positions(joint.orbit, branch.periods, diagram, point)
+                pieces[-1][1].append(joint.value)
+                pieces[-1][2].append(between)
+                pieces.append((stable, [joint.value], [between]))
+        if not pieces or pieces[-1][0] != stable:
+            pieces.append((stable, [], []))
+        pieces[-1][1].append(float(value))
+        pieces[-1][2].append(position)
+    return [(stable, values, np.array(positions)) for stable, values, positions in pieces]
+
+
+def _positions(orbit: Any, periods: int, diagram: BifurcationDiagram, point: Any) -> NDArray:
+    """Return the displacements of an orbit at the beginning of each period of the loads."""
+    place = diagram.points[0] if point is None else point
+    if isinstance(place, str):
+        place = point_named(orbit.scene, place)
+    displacement: NDArray = orbit.result.displacement(place, orbit.period / periods * np.arange(periods))
+    return displacement
+
+
+@figure
+def basin_map(basins: Basins, path: Where = None, *, labels: tuple[str, str] | None = None, ax: Any = None) -> Any:
+    """Draw to which attractor each initial state leads. Each attractor has its colour.
+
+    Parameters
+    ----------
+    basins : Basins
+        The outcome of `vofem.basins` over a grid of two parameters.
+    labels : tuple of str, optional
+        Labels of the axes: names and units of the two parameters.
+
+    Raises
+    ------
+    ArgumentError
+        If the grid has not two dimensions.
+    """
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+    from matplotlib.patches import Patch
+
+    axes_values = basins.sweep.points.axes
+    if axes_values is None or len(axes_values) != 2:
+        raise ArgumentError(f"basin_map: {basins!r} is no grid of two parameters")
+    (first, rows), (second, columns) = axes_values.items()
+    names = [one.name for one in basins.attractors]
+    colors = [*COLORS[: min(len(names), _MOST)], "#d7dade"]
+    index = np.where(basins.index < 0, len(colors) - 1, np.minimum(basins.index, len(colors) - 1))
+    canvas = Canvas("basin_map", path, ax, (7.4, 5.2))
+    axes = canvas.grid[0, 0]
+    norm = BoundaryNorm(np.arange(len(colors) + 1) - 0.5, len(colors))
+    axes.grid(False)
+    axes.pcolormesh(rows, columns, index.T, shading="nearest", cmap=ListedColormap(colors), norm=norm)
+    xlabel, ylabel = labels or (first, second)
+    axes.set(xlabel=plain(xlabel), ylabel=plain(ylabel))
+    handles = [Patch(color=color, label=plain(name)) for color, name in zip(colors[:-1], names, strict=False)]
+    if np.any(index == len(colors) - 1):
+        handles.append(Patch(color=colors[-1], label="others, or failed" if len(names) > _MOST else "failed"))
+    beside(axes, handles, [str(handle.get_label()) for handle in handles])
+    return canvas
+
+
+_LABELS = {"amplitude": "amplitude [m]", "multiplier": "modulus of the leading multiplier [1]"}
+
+
+@figure
+def state_map(
+    found: StabilityMap,
+    path: Where = None,
+    *,
+    quantity: str = "amplitude",
+    labels: tuple[str, str] = ("x", "y"),
+    ax: Any = None,
+) -> Any:
+    """Draw a quantity of the steady states over two parameters; where they are unstable, the map is hatched.
+
+    Parameters
+    ----------
+    found : StabilityMap
+    quantity : {"amplitude", "multiplier"}
+        The amplitude in m, or the modulus of the leading multiplier.
+    labels : tuple of str
+        Labels of the axes: names and units of the two parameters.
+
+    Raises
+    ------
+    ArgumentError
+        If the quantity is another one.
+    """
+    from matplotlib.collections import PatchCollection
+    from matplotlib.patches import Patch
+
+    choice("state_map: quantity", quantity, tuple(_LABELS))
+    values = found.amplitude if quantity == "amplitude" else np.abs(found.multiplier)
+    canvas = Canvas("state_map", path, ax, (7.8, 5.2))
+    axes = canvas.grid[0, 0]
+    axes.grid(False)
+    # Grey shows where no orbit was found.
+    axes.set_facecolor("#d7dade")
+    mesh = axes.pcolormesh(found.x, found.y, values.T, shading="nearest", cmap="viridis", rasterized=True)
+    canvas.figure.colorbar(mesh, ax=axes, label=_LABELS[quantity])
+    cells = _cells(found.x, found.y, found.stable == 0.0)
+    handles = []
+    if cells:
+        axes.add_collection(PatchCollection(cells, facecolor="none", edgecolor=ink(), linewidth=0.0, hatch="////"))
+        handles.append(Patch(facecolor="white", edgecolor=ink(), hatch="////", label="unstable"))
+    if found.failed:
+        handles.append(Patch(color="#d7dade", label="no such orbit found"))
+    axes.set(xlabel=plain(labels[0]), ylabel=plain(labels[1]))
+    if handles:
+        axes.legend(handles=handles, loc="upper right", fontsize=text_size(9.0))
+    return canvas
+
+
+def _cells(x: NDArray[np.float64], y: NDArray[np.float64], chosen: NDArray[np.bool_]) -> list[Any]:
+    """Return the chosen cells of a map as rectangles whose sides are halfway to the neighbours."""
+    from matplotlib.patches import Rectangle
+
+    left, bottom = _sides(x), _sides(y)
+    return [
+        Rectangle((left[i], bottom[j]), left[i + 1] - left[i], bottom[j + 1] - bottom[j])
+        for i, j in np.argwhere(chosen).tolist()
+    ]
+
+
+def _sides(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the sides of cells about values, shape (n + 1,)."""
+    if values.size == 1:
+        return np.array([values[0] - 0.5, values[0] + 0.5])
+    middle = 0.5 * (values[1:] + values[:-1])
+    return np.concatenate([[2.0 * values[0] - middle[0]], middle, [2.0 * values[-1] - middle[-1]]])
+
+
+#: Width and height of one panel, inches.
+_PANEL = (6.4, 3.6)
+
+
+@figure
+def sweep_curves(
+    sweep: Sweep,
+    path: Where = None,
+    names: tuple[str, ...] | str | None = None,
+    *,
+    units: Mapping[str, str] | None = None,
+    ax: Any = None,
+) -> Any:
+    """Draw quantities of a sweep over its parameters.
+
+    A grid of one parameter gives curves, and a grid of two parameters gives maps, the first parameter along x. There is
+    one panel for each quantity.
+    Points that failed are left blank.
+
+    Parameters
+    ----------
+    sweep : Sweep
+        A grid of one or two parameters that are numbers.
+    names : tuple of str, or str, optional
+        Names of the quantities that are drawn. The default is all quantities that are numbers.
+    units : dict of str to str, optional
+        Units of parameters and quantities by their names, for the axes.
+    ax : matplotlib axes, optional
+        The axes to draw into, one for each quantity. By default a new figure is made.
+
+    Raises
+    ------
+    ArgumentError
+        If the points are not a grid of one or two parameters, or no quantity can be drawn.
+    """
+    names = (names,) if isinstance(names, str) else names
+    axes_values = sweep.points.axes
+    if (
+        axes_values is None
+        or len(axes_values) > 2
+        or any(
+            isinstance(value, (str, bool)) or not np.isscalar(value)
+            for values in axes_values.values()
+            for value in values
+        )
+    ):
+        raise ArgumentError(f"sweep_curves: {sweep!r} is no grid of one or two parameters that are numbers")
+    dimensions = len(axes_values)
+    chosen = [name for name in names or sweep if sweep[name].ndim == dimensions and sweep[name].dtype.kind in "biuf"]
+    if not chosen:
+        raise ArgumentError(f"sweep_curves: {sweep!r} has no quantity that is one number a point")
+    canvas = Canvas("sweep_curves", path, ax, (_PANEL[0], _PANEL[1] * len(chosen)), len(chosen), 1)
+    for axes, name in zip(canvas.grid[:, 0], chosen, strict=True):
+        (_curve if dimensions == 1 else _map)(canvas.figure, axes, sweep, name, units or {})
+    return canvas
+
+
+def _curve(figure: Any, axes: Any, sweep: Sweep, name: str, units: Mapping[str, str]) -> None:
+    ((parameter, values),) = (sweep.points.axes or {}).items()
+    axes.plot(values, sweep[name], ".-", color=COLORS[1], linewidth=stroke(1.2), markersize=4)
+    axes.set(xlabel=_named(parameter, units), ylabel=_named(name, units))
+
+
+def _map(figure: Any, axes: Any, sweep: Sweep, name: str, units: Mapping[str, str]) -> None:
+    rows: Any
+    columns: Any
+    (first, rows), (second, columns) = (sweep.points.axes or {}).items()
+    values = np.ma.masked_invalid(np.asarray(sweep[name], dtype=float))
+    x, y = np.argsort(rows), np.argsort(columns)
+    rows, columns, values = np.asarray(rows)[x], np.asarray(columns)[y], values[x][:, y]
+    image = axes.pcolormesh(rows, columns, values.T, shading="nearest", cmap="viridis")
+    axes.grid(False)
+    axes.set(xlabel=_named(first, units), ylabel=_named(second, units))
+    # Cells reach half a distance beyond the outermost points, where nothing was computed.
+    for limits, series in ((axes.set_xlim, rows), (axes.set_ylim, columns)):
+        if min(series) < max(series):
+            limits(min(series), max(series))
+    figure.colorbar(image, ax=axes, label=_named(name, units))
+
+
+def _named(name: str, units: Mapping[str, str]) -> str:
+    """Return a name with its unit, where that is known."""
+    return plain(f"{name} [{units[name]}]" if name in units else name)
+
+
+@figure
+def fit(result: Fit, path: Where = None, *, ax: Any = None) -> Any:
+    """Draw measurements with the model that was fitted to them, and below the residuals.
+
+    Parameters
+    ----------
+    result : Fit
+    ax : matplotlib axes, optional
+        The axes to draw into, in the order of rows: those of all measurements, then those of their residuals. By
+        default a new figure is made.
+    """
+    if not isinstance(result, Fit):
+        raise wrong("fit: result", repr(result), "what vf.fit returns")
+    count = len(result.data)
+    canvas = Canvas("fit", path, ax, (6.0 + 2.0 * count, 5.6), rows=2, columns=count)
+    row, shift = 0, 0
+    for k, one in enumerate(result.data):
+        used = one.used(result.until)
+        size = int(used.sum())
+        residuals = result.residuals[row : row + size]
+        row += size
+        x = one.places[used]
+        constant = 0.0
+        if one.offset:
+            constant, shift = float(result.offsets[shift]), shift + 1
+        values = one.values[used] - constant
+        upper, lower = canvas.grid[0, k], canvas.grid[1, k]
+        marker = "o" if size < 60 else "."
+        upper.plot(x, values, marker, color=COLORS[0], markersize=4.0, label="measured")
+        upper.plot(x, values + residuals, color=ink(), linewidth=stroke(1.0), label="fitted")
+        upper.set_title(plain(one.describe()), fontsize=text_size(10))
+        upper.legend()
+        lower.axhline(0.0, color=ink(), linewidth=stroke(0.6))
+        lower.plot(x, residuals, marker, color=COLORS[1], markersize=4.0)
+        lower.set(xlabel=one.along, ylabel=f"residual [{one.unit}]")
+        upper.set(xlabel=one.along, ylabel=f"value [{one.unit}]")
+    return canvas
