@@ -75,6 +75,10 @@ _NEWTON, _NEARBY = 12, 1e-3
 #: parts on both sides begin; the first of these is taken at which it shows.
 _BESIDE, _MARGINS = 0.02, (1e-6, 1e-4, 1e-2)
 
+#: Shares at which a part is cut; the first of them at which an orbit is found. Touches of stiff contacts change most of
+#: their length close to a grazing.
+_CUTS = (0.5, 0.2, 0.8, 0.05, 0.95)
+
 #: Parts of a step that are looked at, and the share of it that is not divided any more.
 _MOST_PARTS, _NARROW = 60, 1e-6
 
@@ -156,7 +160,7 @@ def _found(family: Family, interval: Interval, step: Step, cut: float | None) ->
         if not parts:
             break
         part = parts.pop()
-        if not _changed(part.step):
+        if not (_turned(part.step) or _counted(part.step)):
             continue
         inside = sorted(_single(family, interval, part.step), key=lambda one: one.place)
         found += part.placed(inside)
@@ -166,20 +170,26 @@ def _found(family: Family, interval: Interval, step: Step, cut: float | None) ->
 
 
 def _beside(family: Family, interval: Interval, part: _Part, found: list[SpecialPoint]) -> list[_Part]:
-    """Return the parts before, between and after the special points of a part, or its halves where it has none."""
+    """Return the parts before, between and after the special points of a part; two parts where it has none."""
+    if not found:
+        for share in _CUTS:
+            with contextlib.suppress(ConvergenceError):
+                return list(part.cut(family, interval, share))
+        return []
     try:
-        if not found:
-            return list(part.cut(family, interval, 0.5))
         # Beside a branch point the equations are nearly singular, and rounding is large.
         margins = {one.place: (_BESIDE,) if one.kind == "branch_point" else _MARGINS for one in found}
         known = {one.place: one.point for one in found}
+        folds = [one.place for one in found if one.kind == "fold"]
         places = sorted(known)
         points, shares = [part.step.first], [0.0]
         for before, place, after in zip([0.0, *places[:-1]], places, [*places[1:], 1.0], strict=True):
             for margin in margins[place]:
                 ends = place - min(margin, 0.5 * (place - before)), place + min(margin, 0.5 * (after - place))
                 sides = [point_between(family, part.step, interval, end, known, tolerance=TOLERANCE) for end in ends]
-                if _changed(Step(*sides)):
+                # At a fold the branch turns and a multiplier passes 1, which rounding separates.
+                shown = _turned(Step(*sides)), _counted(Step(*sides))
+                if all(shown) or (any(shown) and place not in folds):
                     break
             points += sides
             shares += ends
@@ -194,10 +204,13 @@ def _beside(family: Family, interval: Interval, part: _Part, found: list[Special
     ]
 
 
-def _changed(step: Step) -> bool:
-    """Return whether something changes between two neighbours that changes at special points alone."""
-    if turning(step.first) * turning(step.last) < 0.0:
-        return True
+def _turned(step: Step) -> bool:
+    """Return whether a branch has another direction at the end of a step."""
+    return turning(step.first) * turning(step.last) < 0.0
+
+
+def _counted(step: Step) -> bool:
+    """Return whether numbers of multipliers or, without them, the orientation tell of special points in a step."""
     changes = _changes(step)
     exact = changes is not None and step.first.chart.segmented
     return (changes is not None and any(changes[not exact :])) or (
@@ -230,7 +243,7 @@ def _single(family: Family, interval: Interval, step: Step) -> list[SpecialPoint
     """Return the special points of a step, that can be found from the numbers of multipliers at its ends."""
     found: list[SpecialPoint] = []
     changes = _changes(step)
-    turned = turning(step.first) * turning(step.last) < 0.0
+    turned = _turned(step)
     if changes is None or not step.first.chart.segmented:
         # Multipliers by harmonic balance are not exact, so that the branch turns a little beside a multiplier 1.
         passed = int(orientation(step.first) != orientation(step.last))

@@ -69,26 +69,11 @@ class ExtendedEvaluation:
     bend: float = np.nan
     critical: tuple[complex, ...] = ()  #: The multipliers that make the orbit special.
 
-    @property
-    def size(self) -> float:
-        """Size of the displacements."""
-        return float(self.orbit.size)
-
-    @property
-    def sizes(self) -> tuple[float, float]:
-        """Sizes of modal displacements and velocities."""
-        sizes: tuple[float, float] = self.orbit.sizes
-        return sizes
-
-    @property
-    def path(self) -> Any:
-        """The motion through the segments."""
-        return self.orbit.path
-
-    @property
-    def closing(self) -> float:
-        """Difference of both ends of an ordinary run over the orbit, over the size of the motion."""
-        return float(self.orbit.closing)
+    def __getattr__(self, name: str) -> Any:
+        """Return what is known of the orbit: sizes, motion, extremes, and whether it repeats."""
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self.orbit, name)
 
     @cached_property
     def multipliers(self) -> Complex | None:
@@ -99,15 +84,6 @@ class ExtendedEvaluation:
         for one in self.critical:
             values = np.delete(values, int(np.argmin(np.abs(values - one))))
         return values
-
-    @property
-    def extremes(self) -> list[Any]:
-        """The extremes of gap functions at which contacts might switch."""
-        return list(self.orbit.extremes)
-
-    def repeats(self, flow: Any) -> bool:
-        """Return whether a flow from the orbit's state takes the same switches and comes back."""
-        return bool(self.orbit.repeats(flow))
 
     def stripped(self) -> ExtendedEvaluation:
         """Return the evaluation without what takes memory."""
@@ -359,32 +335,13 @@ class Extended:
 
     # -- other signatures -----------------------------------------------------------------------------
 
-    def with_touch(self, y: Array, contacts: tuple[int, ...], phase: float) -> tuple[Extended, Array, int]:
-        """Return the chart with a touch of length zero; see `Signature.with_touch`."""
-        inner, changed, place = self.inner.with_touch(y[: -self.more], contacts, phase)
-        first = place - (changed.size - len(inner.switches)) - len(contacts)
-        held = self.held + 2 * len(contacts) if 0 <= first <= self.held else self.held
-        return self._like(inner, held), np.append(changed, y[-self.more :]), place
-
-    def without(self, y: Array, gone: Sequence[int]) -> tuple[Extended, Array]:
-        """Return the chart without some switches."""
-        inner, changed = self.inner.without(y[: -self.more], gone)
-        return self._like(inner, self.held - sum(k < self.held for k in gone)), np.append(changed, y[-self.more :])
-
-    def merged(self, y: Array, k: int) -> tuple[Extended, Array]:
-        """Return the chart with two switches at one time as one; see `Signature.merged`."""
-        inner, changed = self.inner.merged(y[: -self.more], k)
-        return self._like(inner, self.held - (k < self.held)), np.append(changed, y[-self.more :])
-
-    def split(self, y: Array, k: int, between: int) -> tuple[Extended, Array, int]:
-        """Return the chart with a status for no time at a switch; see `Signature.split`."""
-        inner, changed, place = self.inner.split(y[: -self.more], k, between)
-        return self._like(inner, self.held + (k <= self.held)), np.append(changed, y[-self.more :]), place
-
-    def swapped(self, y: Array, place: int) -> tuple[Extended, Array]:
-        """Return the chart with two neighbouring switches in the other order."""
-        inner, changed = self.inner.swapped(y[: -self.more], place)
-        return self._like(inner, self.held), np.append(changed, y[-self.more :])
+    def edited(
+        self, y: Array, gone: Sequence[int] = (), added: Sequence[tuple[int, float, Any]] = ()
+    ) -> tuple[Extended, Array, list[int]]:
+        """Return the chart without some switches and with others; see `Signature.edited`."""
+        inner, changed, numbers = self.inner.edited(y[: -self.more], gone, added)
+        moved = sum(place <= self.held for place, _, _ in added) - sum(k < self.held for k in gone)
+        return self._like(inner, self.held + moved), np.append(changed, y[-self.more :]), numbers
 
     def recentred(self, problem: Any, y: Array, tangent: Array) -> tuple[Extended, Array, Array] | None:
         """Return the chart with its anchor away from all switches, or None; see `Signature.recentred`."""
@@ -393,23 +350,10 @@ class Extended:
         if found is None:
             return None
         inner, changed, turned = found
-        held = self.held
-        if held >= 0:
-            count = len(inner.switches)
-            first = next(k for k in range(count) if self._turned(k) == inner.switches and self._follows(y, k, changed))
-            held = (held - first) % count
+        passed = (inner.anchor - self.inner.anchor) % self.inner.turn
+        first = int(np.searchsorted(self.phases(y) - self.inner.anchor, passed))
+        held = (self.held - first) % len(inner.switches) if self.held >= 0 else -1
         return self._like(inner, held), np.append(changed, y[m:]), np.append(turned[:-1], tangent[m:])
-
-    def _turned(self, first: int) -> tuple[Any, ...]:
-        switches = self.inner.switches
-        return (*switches[first:], *switches[:first])
-
-    def _follows(self, y: Array, first: int, changed: Array) -> bool:
-        """Return whether coordinates with another anchor begin with a switch."""
-        lengths, count = self.lengths(y), len(self.inner.switches)
-        around = np.append(lengths[1:count], lengths[0] + lengths[count])
-        later = changed[changed.size - count + 1 :]
-        return bool(np.allclose(np.roll(around, -first)[: count - 1], later, atol=1e-9))
 
     def _like(self, inner: Any, held: int) -> Extended:
         return Extended(inner, self.family, self.kind, self.size, held)

@@ -248,9 +248,9 @@ class Follower:
         if passed.after is None:
             names = " and ".join(dict.fromkeys(repr(laws.names[contact]) for contact in passed.grazed))
             self.notes.append(
-                f"the {self.noun} ends at {passed.at.value:.12g}, where one orbit grazes {names} several times. With "
-                "rigid stops, orbits that touch at one of them or at all may begin there: follow those that you want "
-                "from a value beyond, with guess="
+                f"the {self.noun} ends at {passed.at.value:.12g}, where one orbit grazes {names} several times, and "
+                "none beside it touches each time. Orbits that touch at one of them may begin there: follow those that "
+                "you want from a value beyond, with guess="
             )
             self._over = True
             return last, step

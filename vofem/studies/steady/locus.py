@@ -27,6 +27,7 @@ from vofem.studies.steady.point import ORIGIN, Interval, Point, corrected
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.special import KINDS, SpecialPoint, special_at
 from vofem.studies.steady.steady_state import as_guess
+from vofem.studies.steady.touching import touch
 
 #: Relative difference of `value` up to which the first point is the given special point.
 _SAME = 1e-6
@@ -360,5 +361,5 @@ def _touch(problem: Shooting, inner: Any, y: Array, special: SpecialPoint) -> tu
             f"locus: the orbit of special does not graze contact {special.contact!r}. Expected the grazing of a branch"
         )
     nearest = min(low, key=lambda e: abs(e.height))
-    chart, y, place = inner.with_touch(y, (contact,), nearest.phase)
-    return chart, y, place - problem.size
+    chart, y, numbers = inner.edited(y, (), touch(inner, y, [contact], nearest.phase))
+    return chart, y, numbers[1]

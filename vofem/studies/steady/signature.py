@@ -31,7 +31,7 @@ from vofem.laws.friction import UP
 from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
 from vofem.studies.steady.shooting import Shooting, relative
-from vofem.system import CLOSED, OPEN, PINNED
+from vofem.system import CLOSED, PINNED
 
 #: Samples of an orbit from which its range is refined, samples among which extremes of gap functions are searched, and
 #: the least number in a segment.
@@ -553,11 +553,7 @@ class Signature:
             if [status for _, status in mine] == [status for _, status in seen]:
                 continue
             hit = contact in self.struck or any(e.contact == contact and e.before == e.after for e in flow.events)
-            if self.start[contact] > PINNED or any(status > PINNED for _, status in mine):
-                mine, seen = (_without_short_sticks(self.start[contact], one) for one in (mine, seen))
-            elif not hit:
-                mine, seen = _without_short(mine), _without_short(seen)
-            if [status for _, status in mine] != [status for _, status in seen]:
+            if hit or _lasting(self.start[contact], mine) != _lasting(self.start[contact], seen):
                 return False
         return True
 
@@ -626,48 +622,27 @@ class Signature:
 
     # -- other signatures -----------------------------------------------------------------------------
 
-    def with_touch(self, y: Array, contacts: tuple[int, ...], phase: float) -> tuple[Signature, Array, int]:
-        """Return the signature with a touch of length zero by one or more contacts at once, and its coordinates.
+    def edited(
+        self, y: Array, gone: Sequence[int] = (), added: Sequence[tuple[int, float, Switch]] = ()
+    ) -> tuple[Signature, Array, list[int]]:
+        """Return the signature without some switches and with others, its coordinates, and the numbers of the others.
 
-        The last value is the place of this length in them.
+        Each of `added` comes with the number of the switch before which it is placed, and with its phase in rad.
         """
-        n, k = y.size - len(self.switches), int(np.searchsorted(self.phases(y), phase))
-        lengths, now = self.lengths(y), self.statuses[k]
-        before = phase - self.anchor - lengths[:k].sum()
-        there = tuple(Switch(j, OPEN if now[j] == CLOSED else CLOSED) for j in contacts)
-        back = tuple(Switch(j, int(now[j])) for j in contacts)
-        switches = (*self.switches[:k], *there, *back, *self.switches[k:])
-        nothing = np.zeros(2 * len(contacts) - 1)
-        more = np.concatenate([lengths[:k], [before], nothing, [lengths[k] - before], lengths[k + 1 :]])
-        return self._like(switches), np.concatenate([y[:n], more[:-1]]), n + k + len(contacts)
-
-    def merged(self, y: Array, k: int) -> tuple[Signature, Array]:
-        """Return the signature in which switches k and k + 1 of one contact, at one time, are one, and coordinates."""
-        n = y.size - len(self.switches)
-        return self._like((*self.switches[:k], *self.switches[k + 1 :])), np.delete(y, n + k + 1)
-
-    def split(self, y: Array, k: int, between: int) -> tuple[Signature, Array, int]:
-        """Return the signature in which a contact takes a status for no time at switch k, coordinates and its place."""
-        n = y.size - len(self.switches)
-        switches = (*self.switches[:k], Switch(self.switches[k].contact, between), *self.switches[k:])
-        return self._like(switches), np.insert(y, n + k + 1, 0.0), n + k + 1
-
-    def without(self, y: Array, gone: Sequence[int]) -> tuple[Signature, Array]:
-        """Return the signature without some switches, given by their numbers, and its coordinates."""
-        n = y.size - len(self.switches)
-        left = [k for k in range(len(self.switches)) if k not in set(gone)]
-        phases = self.phases(y)[left]
-        lengths = np.diff(np.concatenate([[self.anchor], phases]))
-        return self._like(tuple(self.switches[k] for k in left)), np.concatenate([y[:n], lengths])
-
-    def swapped(self, y: Array, place: int) -> tuple[Signature, Array]:
-        """Return the signature with two neighbouring switches in the other order, and its coordinates."""
-        n = y.size - len(self.switches)
-        k, lengths = place - n, self.lengths(y)
-        switches = (*self.switches[: k - 1], self.switches[k], self.switches[k - 1], *self.switches[k + 1 :])
-        other = lengths.copy()
-        other[k - 1], other[k], other[k + 1] = lengths[k - 1] + lengths[k], -lengths[k], lengths[k + 1] + lengths[k]
-        return self._like(switches), np.concatenate([y[:n], other[:-1]])
+        lengths, kept = self.lengths(y), [k for k in range(len(self.switches)) if k not in gone]
+        begins = np.append(self.anchor, self.phases(y))
+        # Number, phase in its segment, and switch; lengths that stay are exact, because short touches need all digits.
+        every = [(k, float(phase - begins[k]), switch) for k, phase, switch in added]
+        every += [(k, float(lengths[k]), self.switches[k]) for k in kept]
+        order = sorted(range(len(every)), key=lambda index: every[index][0])
+        changed, at, past = [], 0, 0.0
+        for index in order:
+            k, end, _ = every[index]
+            changed.append(float(lengths[at:k].sum()) - past + end)
+            at, past = (k, end) if index < len(added) else (k + 1, 0.0)
+        new = replace(self, switches=tuple(every[index][2] for index in order))
+        numbers = [order.index(index) for index in range(len(added))]
+        return new, np.append(y[: y.size - len(self.switches)], changed), numbers
 
     @cached_property
     def touches(self) -> list[tuple[int, int]]:
@@ -737,43 +712,25 @@ class Signature:
         anchor -= np.floor(anchor / self.turn) * self.turn
         # Each part ends at its switch; the anchor itself stays at its phase.
         changes = np.append(turned, -turned.sum())
-        parts = []
-        for values, cut_off in ((lengths, inside), (changes, omega * moves[first, 0])):
-            left = values.copy()
-            left[first] -= cut_off
-            if first == k:
-                parts.append(np.append(left[k] + values[0], values[1:k]))
-            elif first == 0:
-                parts.append(left[:k])
-            else:
-                parts.append(np.concatenate([left[first:k], [values[k] + values[0]], values[1:first]]))
-        rest, slopes = parts
+        rest, slopes = (
+            np.append(
+                values[first] - cut_off + (values[0] if first == k else 0.0),
+                np.roll(np.append(values[1:k], values[k] + values[0]), -first)[: k - 1],
+            )
+            for values, cut_off in ((lengths, inside), (changes, omega * moves[first, 0]))
+        )
         start = tuple(int(s) for s in self.statuses[first])
         new = Signature(start, switches, anchor, self.periods)
         return new, np.concatenate([state, rest]), np.concatenate([moved, slopes, tangent[-1:]])
 
-    def _like(self, switches: tuple[Switch, ...]) -> Signature:
-        return Signature(self.start, switches, self.anchor, self.periods)
 
-
-def _without_short(switches: list[tuple[float, int]]) -> list[tuple[float, int]]:
-    """Return phases and statuses of the switches of a contact without touches that are lost in rounding."""
-    left: list[tuple[float, int]] = []
-    for phase, status in switches:
-        if left and phase - left[-1][0] < _SHORT:
-            left.pop()
-        else:
-            left.append((phase, status))
-    return left
-
-
-def _without_short_sticks(start: int, switches: list[tuple[float, int]]) -> list[tuple[float, int]]:
-    """Return phases and statuses of the switches of a slider without those to statuses that are lost in rounding."""
-    left: list[tuple[float, int]] = []
+def _lasting(start: int, switches: list[tuple[float, int]]) -> list[int]:
+    """Return the statuses that a contact takes, from a first one on, without those that are lost in rounding."""
+    left = [start]
     for k, (phase, status) in enumerate(switches):
         lasts = k + 1 == len(switches) or switches[k + 1][0] - phase >= _SHORT
-        if lasts and status != (left[-1][1] if left else start):
-            left.append((phase, status))
+        if lasts and status != left[-1]:
+            left.append(status)
     return left
 
 
