@@ -103,11 +103,11 @@ def reactions_of(
     whole[PRESSING] = -1
     coupling, matrix, spare, factored = (np.zeros_like(part) for part in (coupling, coupling, factored[0], factored))
     kept: list[NDArray[Any]] = [numbers, of_laws, whole, coupling, matrix, *laws, *rows, factored, spare]
-    address = [address_of(cast(CompiledFunction, kernel)) if m else 0 for kernel in (_ask_laws, _react)]
-    band = address_of(cast(CompiledFunction, _in_band)) if banded else 0
+    kernels = ((_ask_laws, m > 0), (_react, m > 0), (_in_band, banded))
+    ask_laws, react, band = (address_of(cast(CompiledFunction, it)) if used else 0 for it, used in kernels)
     sizes = [m, coupling.shape[0], n, rows.weight.size, laws.parameters.size, laws.state.size]
-    table = np.array([*sizes, address[0], band, *map(place_of, kept), factored.shape[0]])
-    return Reactions(*address, place_of(table), numbers, of_laws, whole, coupling, factored), [table, *kept]
+    table = np.array([*sizes, ask_laws, band, *map(place_of, kept), factored.shape[0]])
+    return Reactions(ask_laws, react, place_of(table), numbers, of_laws, whole, coupling, factored), [table, *kept]
 
 
 def begin_reactions(
