@@ -50,8 +50,8 @@ _TURNED = 4.0
 #: What a row does, see the module.
 ACTS, HOLDS, PUSHES, ABSENT = range(4)
 
-#: What is asked of laws: forces where they are; also their slopes; the slope of the convex function a part of a step
-#: further; and forces of dampers at the end of the step, after which internal variables are those at its end.
+#: What is asked of laws: forces where all rows act; what all rows ask for, with slopes; the slope of the convex function
+#: a part of a step further; and forces of dampers at the end, after which internal variables are those there.
 FORCES_AT, SLOPES_AT, ALONG, FINISH = range(4)
 
 #: What is asked of reactions: to find them, or to correct those that are held once.
@@ -162,6 +162,10 @@ def _ask_laws(place: int, p: Any, z: Any, question: float, part: float) -> float
                 answer += w[MOVE, j] * (force - w[FOUND, j] - part * w[STEP, j])
             continue
         u1 = w[BASE, j] if explicit else y
+        if question == FORCES_AT:
+            w[FORCES, j] = force_over(laws, j, way, u0, u1, y, w[BEFORE, j])
+            answer += abs(w[FORCES, j])
+            continue
         force, slope, share = 0.0, 0.0, 0.0
         if kind == ACTS:
             if whole[SPRUNG, j] and presses >= 0:
@@ -173,8 +177,7 @@ def _ask_laws(place: int, p: Any, z: Any, question: float, part: float) -> float
                 laws.parameters[at_first] = max(w[FOUND, presses] - 0.5 * rise, 0.0)
                 laws.parameters[at_first + 1] = max(w[FOUND, presses] + 0.5 * rise, 0.0)
             force = force_over(laws, j, way, u0, u1, y, w[BEFORE, j])
-            if question == SLOPES_AT:
-                slope = slope_over(laws, j, way, u0, u1, force)
+            slope = slope_over(laws, j, way, u0, u1, force)
         elif kind == HOLDS:
             force, slope = w[FOUND, j] + y - w[TARGET, j], 1.0
         elif kind == PUSHES:
