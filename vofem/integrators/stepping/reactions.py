@@ -50,7 +50,7 @@ _TURNED = 4.0
 #: What a row does, see the module.
 ACTS, HOLDS, PUSHES, ABSENT = range(4)
 
-#: What is asked of laws: forces where all rows act; what all rows ask for, with slopes; the slope of the convex function
+#: What is asked of laws: forces where all rows act; what rows ask for, with slopes; the slope of the convex function
 #: a part of a step further; and forces of dampers at the end, after which internal variables are those there.
 FORCES_AT, SLOPES_AT, ALONG, FINISH = range(4)
 
