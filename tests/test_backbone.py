@@ -8,8 +8,6 @@ from scenes import cantilever, on_stop, reference
 
 import vofem as vf
 
-pytestmark = pytest.mark.kernels("plain")
-
 
 def two_masses(gap):
     """P6 of the reference data: conservative, a stop on the second mass."""

@@ -7,7 +7,7 @@ import pytest
 from scenes import cantilever, on_stop
 
 import vofem as vf
-from vofem.integrators.event_driven import follow, regime, table, tangent
+from vofem.integrators.event_driven import follow, regime, table
 from vofem.integrators.event_driven.flow import Start, flow, modes_of
 from vofem.kernels.mode import kernels
 from vofem.linalg.exponential import half_turns
@@ -183,16 +183,6 @@ def test_flows_are_those_of_single_steps(monkeypatch):
     assert by_loop.displacement == pytest.approx(by_steps.displacement, abs=1e-11)
     assert by_loop.velocity == pytest.approx(by_steps.velocity, abs=1e-10)
     assert by_loop.monodromy == pytest.approx(by_steps.monodromy, abs=1e-9 * np.abs(by_steps.monodromy).max())
-
-
-def test_perturbations_that_have_decayed_are_left_out(monkeypatch):
-    """Their share of the derivative is below rounding, and what is left is a part of all perturbations."""
-    build = SCENES["beam, damped"][0]
-    short = flow_of(build()).monodromy
-    monkeypatch.setattr(tangent, "_NOTHING", 0.0)
-    whole = flow_of(build()).monodromy
-    assert np.abs(short - whole).max() <= 1e-25 * np.abs(whole).max()
-    assert np.count_nonzero(np.any(short != 0.0, axis=0)) < 0.8 * short.shape[1]
 
 
 def test_half_turns_keep_all_digits():

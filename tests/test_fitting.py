@@ -11,8 +11,6 @@ import vofem as vf
 
 DATA = Path(__file__).parent / "data" / "derivatives"
 
-pytestmark = pytest.mark.kernels("plain")
-
 
 def case(name: str) -> tuple[dict[str, Any], Any]:
     return json.loads((DATA / f"{name}.json").read_text()), np.load(DATA / f"{name}.npz")

@@ -336,7 +336,7 @@ def test_steps_follow_a_belt_and_a_chain_with_second_order() -> None:
     assert slider.dissipated[-1] == pytest.approx(values["total_dissipated"], rel=1e-4)
     assert np.all(slider.slip_speed[slider.status == 0] == 0.0)
     assert np.all(slider.force[slider.status == -1][:3] < 0.0)
-    assert balance(steps(scene, s["t_end"], 400)) < 1e-13
+    assert balance(steps(scene, s["t_end"], 100)) < 1e-13
     s, values, histories = data("chain")
     stops = [time for time, what in values["events"] if what.startswith("stop")]
     breaks = [time for time, what in values["events"] if what.startswith("break")]
@@ -385,7 +385,7 @@ def test_friction_follows_the_force_of_a_contact() -> None:
         assert np.all(slider.force[contact.force == 0.0][20:30] == 0.0)
         stops = [time for time, what in values["events"] if what.startswith("stop")]
         np.testing.assert_allclose(slider.stops[:3], stops[:3], atol=3e-4)
-        assert balance(steps(scene, s["t_end"], 500)) < 1e-13
+        assert balance(steps(scene, s["t_end"], 100)) < 1e-13
         power = np.trapezoid(slider.wear_power, result.times)
         assert power == pytest.approx(values["int_N_absw"], rel=2e-2)
     s, _, histories = data("mode_coupling")
@@ -397,7 +397,7 @@ def test_friction_follows_the_force_of_a_contact() -> None:
     assert errors[1] < 2e-2
     assert errors[0] > 14.0 * errors[1]
     assert not result.frictions["pad"].stops.size
-    assert balance(steps(scene, s["t_end"], 750)) < 1e-13
+    assert balance(steps(scene, s["t_end"], 100)) < 1e-13
 
 
 def flutter(s: dict[str, Any]) -> tuple[vf.Scene, vf.Mass]:
@@ -465,7 +465,7 @@ def test_a_slider_behind_a_spring_is_pressed_by_a_contact(method: str) -> None:
     assert errors[1] < 4e-3
     assert errors[0] > 5.0 * errors[1]
     if method == "energy_conserving":
-        assert balance(steps(scene, s["t_end"], 500)) < 1e-13
+        assert balance(steps(scene, s["t_end"], 100)) < 1e-13
     slider, contact = result.frictions["pad"], result.contacts["floor"]
     assert np.abs(slider.force).max() == pytest.approx(s["mu"] * contact.force.max(), rel=0.1)
     assert slider.breaks.size > 5

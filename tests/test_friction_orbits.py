@@ -11,8 +11,6 @@ import pytest
 
 import vofem as vf
 
-pytestmark = pytest.mark.kernels("plain")
-
 DATA = Path(__file__).parent / "data" / "friction"
 
 

@@ -19,8 +19,6 @@ from scipy.linalg import expm
 
 import vofem as vf
 
-pytestmark = pytest.mark.kernels("plain")
-
 Z, E = 0.05, 0.7
 
 

@@ -10,8 +10,6 @@ from test_impact_orbits import closed, oscillator
 
 import vofem as vf
 
-pytestmark = pytest.mark.kernels("plain")
-
 DURATION = 6.0
 
 #: What is changed: gap, restitution, load, stiffness, damping and mass.

@@ -7,8 +7,6 @@ from scenes import cantilever
 import vofem as vf
 from vofem.errors import ArgumentError, StepSizeError
 
-pytestmark = pytest.mark.kernels("plain")
-
 STABLE = ["event_driven", "energy_conserving", "generalized_alpha"]
 
 

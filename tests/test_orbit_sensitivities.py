@@ -13,7 +13,6 @@ from vofem import Parameter, sensitivities
 DATA: dict[str, Any] = json.loads((Path(__file__).parent / "data" / "derivatives" / "C1.json").read_text())
 ORBITS = [(group, k) for group in ("P2", "P1") for k in range(len(DATA[group]["orbits"]))]
 
-pytestmark = pytest.mark.kernels("plain")
 
 PARAMETERS = {
     "om": Parameter("load", "f.omega"), "gap": Parameter("stop", "gap"), "K0": Parameter("stop", "stiffness"),

@@ -15,39 +15,25 @@ from vofem.effects.kinds import AtPoint
 from vofem.io.scene_file import load_scene
 from vofem.io.scenes.schema import EFFECTS
 from vofem.kernels.jit import jit
-from vofem.laws import HystereticLaw, Law, LawGroup, SmoothLaws
+from vofem.laws import Law, Smooth
 from vofem.laws.group import ListedLaws
 from vofem.laws.law import COMMIT, FORCE, LOSS, MEAN, STORED, TANGENT, affine
 from vofem.parameters import Name, Real, declared
 
-pytestmark = pytest.mark.kernels("plain")
-
 STIFFNESS, LENGTH = 40.0, 0.1
 
 
-@dataclass(frozen=True)
-class SinhLaw:
+def sinh_of(stiffness, length):
     """R = K L sinh(u/L): a spring that stiffens."""
-
-    name: str
-    stiffness: float
-    length: float
-    monotone: bool = True
-    group: type[LawGroup] = SmoothLaws
-
-    @property
-    def label(self):
-        return f"SinhSpring {self.name!r}"
-
-    def reaction(self, u):
-        return self.stiffness * self.length * math.sinh(u / self.length)
-
-    def energy(self, u):
+    return Smooth(
         # cosh(x) - 1 without cancellation.
-        return 2.0 * self.stiffness * self.length**2 * math.sinh(0.5 * u / self.length) ** 2
+        potential=lambda u: 2.0 * stiffness * length**2 * math.sinh(0.5 * u / length) ** 2,
+        force=lambda u: stiffness * length * math.sinh(u / length),
+        slope=lambda u: stiffness * math.cosh(u / length),
+    )
 
-    def tangent(self, u):
-        return self.stiffness * math.cosh(u / self.length)
+
+SINH = sinh_of(STIFFNESS, LENGTH)
 
 
 @declared()
@@ -64,7 +50,8 @@ class SinhSpring:
         return (self.point,)
 
     def compile(self, builder):
-        builder.add_law(builder.row(self.point), SinhLaw(self.name, self.stiffness, self.length))
+        law = Law(f"SinhSpring {self.name!r}", self.name, sinh_of(self.stiffness, self.length))
+        builder.add_law(builder.row(self.point), law)
 
     def describe(self):
         return f"SinhSpring {self.name!r} at {self.point.describe()}"
@@ -75,10 +62,8 @@ def scene_of(mass, *more):
 
 
 def exact(times, damping=0.0):
-    law = SinhLaw("", STIFFNESS, LENGTH)
-
     def rate(t, y):
-        return [y[1], -law.reaction(y[0]) - damping * y[1]]
+        return [y[1], -SINH.reaction(y[0]) - damping * y[1]]
 
     return solve_ivp(rate, (0.0, times[-1]), [0.25, 0.0], t_eval=times, rtol=1e-11, atol=1e-12, method="DOP853").y
 
@@ -93,7 +78,7 @@ def test_every_stepping_method_takes_it(method):
     assert errors[1] < 2e-4
     assert 1.8 < np.log2(errors[0] / errors[1]) < 2.2
     energy = result.energy
-    expected = np.array([SinhLaw("", STIFFNESS, LENGTH).energy(u) for u in result.displacement(mass)])
+    expected = np.array([SINH.energy(u) for u in result.displacement(mass)])
     assert energy.strain == pytest.approx(expected, rel=1e-12)
     assert energy.balance_error < (1e-12 if method == "energy_conserving" else 1e-3)
     assert result.counters.law_evaluations > 0
@@ -103,7 +88,7 @@ def test_every_stepping_method_takes_it(method):
 def test_harmonic_balance_takes_it(omega):
     """From the state that the orbit has at t = 0, a solver of differential equations returns there after a period."""
     damping, amplitude = 0.6, 6.0
-    mass, law = vf.Mass(1.0, damping=damping, name="m"), SinhLaw("", STIFFNESS, LENGTH)
+    mass = vf.Mass(1.0, damping=damping, name="m")
     spring = SinhSpring(mass, stiffness=STIFFNESS, length=LENGTH)
     scene = vf.Scene([mass], [spring, vf.PointLoad(mass, vf.Sine(amplitude, omega))])
     orbit = vf.periodic(scene)
@@ -112,13 +97,13 @@ def test_harmonic_balance_takes_it(omega):
     times = orbit.result.times
 
     def rate(t, y):
-        return [y[1], amplitude * math.sin(omega * t) - law.reaction(y[0]) - damping * y[1]]
+        return [y[1], amplitude * math.sin(omega * t) - SINH.reaction(y[0]) - damping * y[1]]
 
     start = [orbit.result.displacement(mass)[0], orbit.result.velocity(mass)[0]]
     u, v = solve_ivp(rate, (0.0, times[-1]), start, t_eval=times, rtol=1e-12, atol=1e-13, method="DOP853").y
     assert np.max(np.abs(orbit.result.displacement(mass) - u)) < 1e-9
     assert np.max(np.abs(orbit.result.velocity(mass) - v)) < 1e-8
-    assert orbit.result.energy.strain == pytest.approx([law.energy(x) for x in u], abs=1e-8)
+    assert orbit.result.energy.strain == pytest.approx([SINH.energy(x) for x in u], abs=1e-8)
     assert orbit.result.energy.balance_error < 1e-9
 
 
@@ -271,13 +256,12 @@ def test_an_affine_law_of_a_group_of_its_own_is_not_left_out_by_event_driven():
 
 @pytest.mark.parametrize("load", [0.5, 40.0, -30.0])
 def test_statics_takes_a_law_whose_force_never_falls(load):
-    law = SinhLaw("", STIFFNESS, LENGTH)
     mass = vf.Mass(1.0, stiffness=3.0, name="m")
     stop = vf.Contact(mass, gap=0.2, stiffness=100.0, side="above", acts_on="penetration", name="stop")
     scene = vf.Scene([mass], [SinhSpring(mass, stiffness=STIFFNESS, length=LENGTH), stop, vf.PointLoad(mass, load)])
 
     def residual(u):
-        return law.reaction(u) + 3.0 * u + 100.0 * max(u - 0.2, 0.0) - load
+        return SINH.reaction(u) + 3.0 * u + 100.0 * max(u - 0.2, 0.0) - load
 
     expected = brentq(residual, -5.0, 5.0, xtol=1e-16, rtol=1e-15)
     outcome = vf.equilibrium(scene)
@@ -289,7 +273,7 @@ def test_statics_takes_a_law_whose_force_never_falls(load):
 
 def test_a_law_whose_force_may_fall_is_refused_by_name():
     mass = vf.Mass(1.0)
-    law = SinhLaw("odd", 1.0, 1.0, monotone=False)
+    law = Law("SinhSpring 'odd'", "odd", sinh_of(1.0, 1.0), rising=False)
 
     class Odd(SinhSpring):
         def compile(self, builder):
@@ -314,7 +298,7 @@ def test_a_reaction_counts_it():
     result = vf.simulate(scene, 30.0, method="generalized_alpha", dt=0.01, times=[30.0])
     rest = vf.equilibrium(scene)
     assert result.displacement(tip)[-1] == pytest.approx(rest.displacement(tip), rel=1e-9)
-    held = SinhLaw("", STIFFNESS, LENGTH).reaction(rest.displacement(tip)) - 2.0
+    held = SINH.reaction(rest.displacement(tip)) - 2.0
     assert result.reaction(beam, "left").force[-1] == pytest.approx(held, rel=1e-6)
 
 
@@ -345,7 +329,7 @@ class SliderSpring(SinhSpring):
     """An effect whose law has an internal variable."""
 
     def compile(self, builder):
-        law = HystereticLaw("SliderSpring 's'", "s", _slider, np.array([0.2, 0.8, 0.08]), np.zeros(1), stiffness=1.0)
+        law = Law("SliderSpring 's'", "s", _slider, np.array([0.2, 0.8, 0.08]), np.zeros(1), stiffness=1.0)
         builder.add_law(builder.row(self.point), law)
 
 
@@ -410,4 +394,4 @@ def test_an_entry_makes_it_part_of_scene_files(tmp_path, monkeypatch):
     )
     scene = load_scene(file).scene
     u = vf.equilibrium(scene).displacement(scene.bodies[0])
-    assert SinhLaw("", STIFFNESS, LENGTH).reaction(u) == pytest.approx(1.0, rel=1e-12)
+    assert SINH.reaction(u) == pytest.approx(1.0, rel=1e-12)

@@ -15,8 +15,6 @@ from random_scenes import scene as random_scene
 import vofem as vf
 from vofem import Parameter
 
-pytestmark = pytest.mark.kernels("plain")
-
 FIELDS: dict[type, tuple[str, ...]] = {
     vf.Mass: ("mass", "stiffness", "damping"), vf.Beam: ("EI", "rhoA", "length"), vf.Spring: ("stiffness",),
     vf.Dashpot: ("damping",), vf.RayleighDamping: ("alpha", "beta"), vf.ModalDamping: ("ratio",),

@@ -7,8 +7,6 @@ from scipy.integrate import solve_ivp
 import vofem as vf
 from vofem.io import plot
 
-pytestmark = pytest.mark.kernels("plain")
-
 G, HEIGHT = 9.81, 0.5
 
 

@@ -5,7 +5,7 @@ import pytest
 from scenes import LAWS, cantilever, on_stop, paper_beam, two_masses
 
 import vofem as vf
-from vofem.integrators.event_driven.sensitivity import Perturbation
+from vofem.integrators.event_driven.sensitivity import first_change
 
 
 def damped_stop():
@@ -26,8 +26,8 @@ def test_growth_against_a_nearby_run(build, t_end, events):
     scene, size = build(), 1e-7
     result = vf.simulate(scene, t_end)
     assert result.counters.events > events
-    start, shapes = Perturbation(result.solution.space, None), result.solution.space.shapes
-    dq, dv = size * (shapes @ start._z), size * (shapes @ start._v)
+    start, shapes = first_change(result.solution.space), result.solution.space.shapes
+    dq, dv = (size * (shapes @ part) for part in start)
     state = scene.initial_state()
     initial = {body: (state.q[k] + dq[k], state.v[k] + dv[k]) for k, body in enumerate(scene.bodies)}
     other = vf.simulate(scene, t_end, initial=initial)

@@ -161,7 +161,7 @@ def test_what_has_no_known_content_is_named(tmp_path, monkeypatch):
 
 
 def test_points_come_back_from_a_store_with_their_types(tmp_path):
-    from vofem.studies.sweep.content import digest, node_of, value_of
+    from vofem.studies.sweep.points import digest, node_of, value_of
 
     values = [
         1, 1.0, True, None, "a", b"a", 1 + 2j, (1, [2.0]), {"$a": 1, 2: (3,)}, {1, 2}, float("inf"), -0.0,

@@ -172,7 +172,7 @@ class SystemBuilder:
         self._bases.append(base)
 
     def add_law(self, row: Row, law: Any) -> None:
-        """Add a scalar law on a row; its attribute `group` names the class of `vofem.laws` that gathers its kind."""
+        """Add a scalar law on a row: a `Law`, or one that names the class of its group by `group`."""
         self._laws.append((row, law))
 
     def add_contact(self, entry: ContactEntry) -> None:

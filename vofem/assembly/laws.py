@@ -13,7 +13,7 @@ from vofem.assembly.unknowns import Unknowns
 from vofem.bodies.base import Body, Row
 from vofem.bodies.path import TravellingPoint
 from vofem.errors import ArgumentError
-from vofem.laws import ContactLaws, LawGroup
+from vofem.laws import ContactLaws, HystereticLaws, LawGroup, SmoothLaws
 from vofem.laws.moving import Rider
 
 
@@ -44,14 +44,18 @@ def law_groups(
 ) -> tuple[tuple[Any, ...], tuple[LawGroup, ...]]:
     """Return the rows of every group over all degrees of freedom, and the groups over the free ones.
 
-    `entries`: in the order of declaration. A law names its group by the attribute `group`.
+    `entries`: in the order of declaration.
     `size`: number of all degrees of freedom.
     Raises `ArgumentError` if a law can never move, or names by which histories are found occur twice.
     """
-    kinds = sorted({law.group for _, law in entries}, key=lambda group: (group.place, group.kind, group.__name__))
+    gathered: dict[type[LawGroup], list[tuple[Row, Any]]] = {}
+    for row, law in entries:
+        # A plain `Law` names no group.
+        group = getattr(law, "group", None) or (HystereticLaws if law.remembers else SmoothLaws)
+        gathered.setdefault(group, []).append((row, law))
     rows, groups = [], []
-    for kind in kinds:
-        mine = [(row, law) for row, law in entries if law.group is kind]
+    for kind in sorted(gathered, key=lambda group: (group.place, group.kind, group.__name__)):
+        mine = gathered[kind]
         rows.append(stacked([row for row, _ in mine], size))
         groups.append(kind.gather(unknown.rows(rows[-1]), tuple(law for _, law in mine)))
     for alike in ([g for g in groups if g.place == 0], [g for g in groups if g.recorded]):

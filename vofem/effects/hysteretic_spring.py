@@ -14,7 +14,7 @@ from vofem.assembly import SystemBuilder
 from vofem.effects.two_points import Side, Stop, TwoPoints, Units
 from vofem.errors import ArgumentError
 from vofem.fractional.constants import ideal
-from vofem.laws import HystereticLaw, LinearLevel, PrintedLaw
+from vofem.laws import Law, LinearLevel, PrintedLaw
 from vofem.laws.hysteretic import cyclic, jenkins
 from vofem.laws.softening_curve import checked_level, limit_load, tabulate
 from vofem.parameters import Choice, Kind, Numbers, OneOf, Real, declared, label_of, rule
@@ -108,7 +108,7 @@ class Backbone:
         assert not isinstance(self.softening, LinearSoftening)
         return checked_level(self.label, self.softening, force)
 
-    def law(self, name: str, one_sided: bool = False, gap: float = 0.0, unit: str = "N") -> HystereticLaw:
+    def law(self, name: str, one_sided: bool = False, gap: float = 0.0, unit: str = "N") -> Law:
         """Return the cyclic law on this backbone."""
         span, table = None, None
         if isinstance(self.softening, LinearSoftening):
@@ -264,7 +264,7 @@ class CrushingStop(Stop):
 class JenkinsSpring(TwoPoints):
     """A spring of parallel Jenkins elements; subclasses say of which ones by their rules, which set the law."""
 
-    _law: HystereticLaw = field(init=False)
+    _law: Law = field(init=False)
 
     @property
     def limit_load(self) -> float:
@@ -344,7 +344,7 @@ class BilinearSpring(JenkinsSpring):
         self._law = _jenkins(label_of(self), self.name, slopes, np.array([self.linear_limit]), self.units)
 
 
-def _law(label: str, name: str, elongation: Array, force: Array, units: Units) -> HystereticLaw:
+def _law(label: str, name: str, elongation: Array, force: Array, units: Units) -> Law:
     """Return the law of a curve through the origin and some points."""
     if elongation.ndim != 1 or elongation.shape != force.shape:
         raise ArgumentError(
@@ -378,7 +378,7 @@ def _law(label: str, name: str, elongation: Array, force: Array, units: Units) -
     return _jenkins(label, name, slopes, elongation[:-1], units)
 
 
-def _jenkins(label: str, name: str, slopes: Array, bends: Array, units: Units) -> HystereticLaw:
+def _jenkins(label: str, name: str, slopes: Array, bends: Array, units: Units) -> Law:
     """Return the law of given slopes, shape (n + 1,), with bends between them, shape (n,)."""
     stiffness = slopes[:-1] - slopes[1:]
     kept = stiffness > 1e-12 * slopes[0]

@@ -11,7 +11,7 @@ import numpy as np
 from vofem.assembly import SystemBuilder
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
-from vofem.laws import SmoothLaw
+from vofem.laws import Law, Smooth
 from vofem.parameters import Function, declared, label_of, rule
 
 #: Elongations in m at which force and potential are compared.
@@ -48,12 +48,13 @@ class NonlinearSpring(TwoPoints):
     def _force_is_the_derivative(self) -> None:
         """Compare the force with a difference quotient of the potential, to find mistakes such as a wrong sign."""
         label = label_of(self)
-        self.law = SmoothLaw(self.name, self.potential, self.force)
+        law = Smooth(self.potential, self.force)
+        self.law = Law(f"NonlinearSpring {self.name!r}", self.name, law, rising=False)
         with np.errstate(all="ignore"):
             for u in _SAMPLES:
                 step = 1e-4 * abs(u)
-                right, middle, left = (self.law.energy(u + i * step) for i in (1, 0, -1))
-                force = self.law.reaction(u)
+                right, middle, left = (law.energy(u + i * step) for i in (1, 0, -1))
+                force = law.reaction(u)
                 if not np.all(np.isfinite([right, middle, left, force])):
                     continue
                 slope = (right - left) / (2.0 * step)

@@ -178,13 +178,6 @@ class SideView:
             yield sketch(state, self._size, self._wanted, forces=True, title=self._title).pixels()
 
 
-def side_view(
-    result: Result, times: Array, size: tuple[int, int], magnification: float | None, title: str = ""
-) -> SideView:
-    """Return side views of a run at some times in s."""
-    return SideView(snapshots(result, times), size, magnification, title)
-
-
 class SpaceView:
     """The structure in three dimensions, drawn by VTK without a window."""
 
@@ -461,7 +454,7 @@ def _of_runs(
     for title, run in runs.items():
         at = _known(run, times)
         if view == "side":
-            views.append(side_view(run, at, size, magnification, title))
+            views.append(SideView(snapshots(run, at), size, magnification, title))
         elif view == "space":
             views.append(SpaceView(run, at, size, magnification))
         else:

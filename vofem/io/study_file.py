@@ -49,21 +49,14 @@ OF_RUNS: dict[str, Callable[[Result], Any]] = {
 }
 
 
-@dataclass(frozen=True)
-class Measure:
-    """One quantity of a run."""
-
-    kind: str  #: One of `OF_POINTS`, `OF_CONTACTS` or `OF_RUNS`.
-    of: Any  #: A point, or the name of a contact; None for the run.
-
-    def value(self, result: Result, after: float) -> float:
-        """Return the quantity over the stored times from `after` on, in s."""
-        late = result.times >= after
-        if self.kind in OF_POINTS:
-            return float(OF_POINTS[self.kind](result.displacement(self.of)[late]))
-        if self.kind in OF_CONTACTS:
-            return float(OF_CONTACTS[self.kind](result.contacts[self.of], after, late))
-        return float(OF_RUNS[self.kind](result))
+def quantity(result: Result, kind: str, of: Any, after: float) -> float:
+    """Return a quantity of a run, a point or a contact over the stored times from `after` on, in s."""
+    late = result.times >= after
+    if kind in OF_POINTS:
+        return float(OF_POINTS[kind](result.displacement(of)[late]))
+    if kind in OF_CONTACTS:
+        return float(OF_CONTACTS[kind](result.contacts[of], after, late))
+    return float(OF_RUNS[kind](result))
 
 
 _KEYS = ("values", "measure", "after")
@@ -131,7 +124,7 @@ def measured(
     file = read_content(tables, order, Path(folder) / "study")
     result = file.simulate()
     found = _measures(measure, file, Place(Book(Path(folder), {body.name: body for body in file.scene.bodies})))
-    return {name: one.value(result, after) for name, one in found.items()}
+    return {name: quantity(result, *one, after) for name, one in found.items()}
 
 
 def table_order(text: str) -> str:
@@ -174,13 +167,13 @@ def _line(given: dict[str, Any], place: Place) -> list[float]:
     return [float(value) for value in np.linspace(start, stop, count)]
 
 
-def _measures(given: Any, file: SceneFile, place: Place) -> dict[str, Measure]:
-    """Return what is measured by name; what is wrong is noted at `place`."""
+def _measures(given: Any, file: SceneFile, place: Place) -> dict[str, tuple[str, Any]]:
+    """Return what is measured, a quantity and what it is one of, by name; what is wrong is noted at `place`."""
     if not isinstance(given, dict) or not given:
         place.expected("a table such as { tip = { amplitude = 'beam@1.0' } }", given)
         return {}
     contacts = tuple(effect.name for effect in file.scene.contacts)
-    result = {}
+    result: dict[str, tuple[str, Any]] = {}
     for name, one in given.items():
         here = place.key(name)
         kinds = (*OF_POINTS, *OF_CONTACTS, *OF_RUNS)
@@ -191,14 +184,14 @@ def _measures(given: Any, file: SceneFile, place: Place) -> dict[str, Measure]:
             continue
         ((kind, of),) = one.items()
         if kind in OF_POINTS:
-            result[name] = Measure(kind, AtPoint().read(of, here.key(kind)))
+            result[name] = kind, AtPoint().read(of, here.key(kind))
         elif kind in OF_CONTACTS:
             if of not in contacts:
                 hint = nearest(of, contacts) if isinstance(of, str) else ""
                 here.key(kind).expected(f"the name of a contact, one of {list(contacts)}", of, hint)
-            result[name] = Measure(kind, of)
+            result[name] = kind, of
         elif kind in OF_RUNS:
-            result[name] = Measure(kind, None)
+            result[name] = kind, None
         else:
             here.unknown_keys(one, kinds)
     return result

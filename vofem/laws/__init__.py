@@ -7,10 +7,10 @@ gathers them says which methods can treat them.
 from vofem.laws.contact import ContactLaws, initial_status
 from vofem.laws.friction import FrictionLaw, FrictionLaws
 from vofem.laws.group import LawGroup, gathered_past, past_of
-from vofem.laws.hysteretic import HystereticLaw, HystereticLaws
+from vofem.laws.hysteretic import HystereticLaws
 from vofem.laws.law import CLOSED, OPEN, PINNED, Law, LawSet
 from vofem.laws.paper import LinearLevel, PrintedLaw, PrintedLaws
-from vofem.laws.smooth import ScalarLaw, SmoothLaw, SmoothLaws
+from vofem.laws.smooth import Smooth, SmoothLaws
 from vofem.laws.springpot import SpringpotLaw, SpringpotLaws
 
 #: Names of the kinds of laws for messages, in the order of the kinds.
@@ -26,7 +26,6 @@ __all__ = [
     "ContactLaws",
     "FrictionLaw",
     "FrictionLaws",
-    "HystereticLaw",
     "HystereticLaws",
     "Law",
     "LawGroup",
@@ -34,8 +33,7 @@ __all__ = [
     "LinearLevel",
     "PrintedLaw",
     "PrintedLaws",
-    "ScalarLaw",
-    "SmoothLaw",
+    "Smooth",
     "SmoothLaws",
     "SpringpotLaw",
     "SpringpotLaws",

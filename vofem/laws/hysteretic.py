@@ -19,26 +19,16 @@ import numpy as np
 
 from vofem.arrays import Array
 from vofem.kernels.jit import jit
-from vofem.laws.group import LawGroup, ListedLaws
+from vofem.laws.group import ListedLaws
 from vofem.laws.law import COMMIT, FORCE, KINK, LOSS, MEAN, STORED, TANGENT, Law
 from vofem.laws.paper import no_modes, path_needed
 
 _SQRT = 1.0 / math.sqrt(3.0)
 
 
-@dataclass(frozen=True, eq=False)
-class HystereticLaw(Law):
-    """A rate-independent law with internal variables, whose force does not fall as its coordinate rises."""
-
-    @property
-    def group(self) -> type[LawGroup]:
-        """The group that gathers laws of this kind."""
-        return HystereticLaws
-
-
 @dataclass(frozen=True)
 class HystereticLaws(ListedLaws):
-    """Laws with internal variables, one per row.
+    """Rate-independent laws with internal variables, one per row; no force falls as its coordinate rises.
 
     `rows` has shape (n_laws, n).
     """
@@ -47,7 +37,7 @@ class HystereticLaws(ListedLaws):
     kind: ClassVar[str] = "hysteretic springs"
     recorded: ClassVar[bool] = True
 
-    laws: tuple[HystereticLaw, ...]
+    laws: tuple[Law, ...]
 
     @property
     def forms(self) -> tuple[Law, ...]:
@@ -81,13 +71,13 @@ class HystereticLaws(ListedLaws):
 
 def jenkins(
     label: str, name: str, stiffness: float, beside: float, springs: Array, slips: Array, limit: float, unit: str
-) -> HystereticLaw:  # fmt: skip
+) -> Law:  # fmt: skip
     """Return the law of a spring beside Jenkins elements, of stiffnesses (N/m) and slip forces (N), shape (n,).
 
     `stiffness` is that of all together.
     """
     numbers = np.concatenate([[float(springs.size), beside], springs, slips])
-    return HystereticLaw(
+    return Law(
         label, name, elements, numbers, np.zeros(springs.size), stiffness, limit, unit,
         slopes=element_slopes,
     )  # fmt: skip
@@ -166,7 +156,7 @@ _UP_AT, _UP, _DOWN_AT, _DOWN, _RESIDUAL = range(5)
 def cyclic(
     label: str, name: str, stiffness: float, onset: float, limit: float, *, span: float | None = None,
     table: Array | None = None, one_sided: bool = False, gap: float = 0.0, unit: str = "N",
-) -> HystereticLaw:  # fmt: skip
+) -> Law:  # fmt: skip
     """Return a cyclic law on a hyperbola or on a table.
 
     `stiffness`, `onset`, `limit`: stiffness before any load, which is the largest that the law ever has, N/m; force at
@@ -184,7 +174,7 @@ def cyclic(
         numbers = np.concatenate([[1.0, stiffness, gap, float(one_sided), table.size / 4], table])
     reach = onset / stiffness
     past = np.array([reach, onset, reach, onset, 0.0])
-    return HystereticLaw(label, name, backbone_law, numbers, past, stiffness, limit, unit, slopes=cyclic_slopes)
+    return Law(label, name, backbone_law, numbers, past, stiffness, limit, unit, slopes=cyclic_slopes)
 
 
 @jit

@@ -96,6 +96,11 @@ class Law:
         """Whether the law has internal variables."""
         return self.past.size > 0
 
+    @property
+    def in_python(self) -> bool:
+        """Whether the function is one of Python, which loops call back."""
+        return not isinstance(self.function, CompiledFunction)
+
     def virgin(self) -> Array:
         """Return what a run keeps of the law before any load: energy dissipated (J) and z; nothing without past."""
         return np.append(0.0, self.past) if self.past.size else self.past
@@ -325,7 +330,7 @@ class LawSet:
     def along(self, j: int, what: int, u: Array) -> Array:
         """Return what law j answers to a question at coordinates u, of the same shape."""
         law, u = self.laws[j], np.asarray(u, dtype=float)
-        if not isinstance(law.function, CompiledFunction):
+        if law.in_python:
             ask_it, past = law.function, self.of(j)[1:]
             return np.array([ask_it(what, law.parameters, past, x, x) for x in u.ravel().tolist()]).reshape(u.shape)
         answers = np.empty(u.size)
@@ -335,7 +340,7 @@ class LawSet:
     def everywhere(self, what: int, u: Array) -> Array:
         """Return what every law answers at coordinates u, shape (n_laws, n), of the same shape."""
         u = np.ascontiguousarray(u, dtype=float)
-        if all(isinstance(law.function, CompiledFunction) for law in self.laws):
+        if not any(law.in_python for law in self.laws):
             answers = np.empty(u.shape)
             _everywhere(self.records, what, u, answers)
             return answers

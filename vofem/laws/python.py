@@ -10,7 +10,6 @@ import numpy as np
 
 from vofem.errors import InstabilityError
 from vofem.kernels.addresses import plain_address
-from vofem.kernels.jit import CompiledFunction
 from vofem.laws.group import LawGroup
 from vofem.laws.law import KINK, Law
 
@@ -81,5 +80,5 @@ class Callbacks:
 
 def callbacks_of(groups: Sequence[LawGroup]) -> Callbacks | None:
     """Return the laws of some groups that are written in Python, ready to be called, or None where there are none."""
-    laws = [law for group in groups for law in group.forms if not isinstance(law.function, CompiledFunction)]
+    laws = [law for group in groups for law in group.forms if law.in_python]
     return Callbacks(laws) if laws else None

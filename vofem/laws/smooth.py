@@ -1,22 +1,19 @@
 """Laws written in Python: a smooth force with a potential.
 
-A law of this kind gives its force, energy and tangent as plain Python methods of
-one coordinate. All methods that step in time accept it, and so do energies.
-Statics accepts it if its force grows with the coordinate. Every evaluation costs
-a call of Python.
+All methods that step in time accept them, and so do energies. Statics accepts them if the force grows with the
+coordinate. Every evaluation costs a call of Python.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
-from vofem.laws.group import LawGroup, ListedLaws
-from vofem.laws.law import FORCE, KINK, MEAN, STORED, TANGENT, Function, Law
+from vofem.laws.group import ListedLaws
+from vofem.laws.law import FORCE, KINK, MEAN, STORED, TANGENT, Law
 
 _GAUSS = np.sqrt(0.6)
 
@@ -24,112 +21,56 @@ _GAUSS = np.sqrt(0.6)
 _LONG = 1e-3
 
 
-@runtime_checkable
-class ScalarLaw(Protocol):
-    """The methods that a law written in Python must have. Its coordinate is u in m.
+@dataclass(frozen=True)
+class Smooth:
+    """The function of a law ``R = dV/du``, see `law`; values are infinite where Python's floats overflow."""
 
-    `name`, `label`: the name, and the name with the class of its effect in front for messages.
-    `monotone`: whether the force never falls as u rises. An equilibrium is then unique.
-    """
-
-    @property
-    def name(self) -> str:
-        """Name of the effect."""
-
-    @property
-    def monotone(self) -> bool:
-        """Whether the force never falls as u rises."""
-
-    @property
-    def label(self) -> str:
-        """Name with the class of the effect."""
-
-    @property
-    def group(self) -> type[LawGroup]:
-        """`SmoothLaws`."""
+    #: `potential`, `force`: V in J and R in N of the coordinate u in m.
+    potential: Callable[[float], float]
+    force: Callable[[float], float]
+    slope: Callable[[float], float] | None = None  #: dR/du in N/m; a difference of forces where it is not given.
 
     def reaction(self, u: float) -> float:
-        """Return the force R in N; the force on the structure is ``-b R``."""
+        """Return R(u) in N."""
+        return _finite(self.force, u)
 
     def energy(self, u: float) -> float:
-        """Return the stored energy V in J, ``R = dV/du``."""
+        """Return V(u) in J."""
+        return _finite(self.potential, u)
 
     def tangent(self, u: float) -> float:
         """Return dR/du in N/m."""
-
-
-@dataclass(frozen=True)
-class SmoothLaw:
-    """A smooth scalar law ``R = dV/du`` on a row; the force on the structure is ``-b R``."""
-
-    name: str
-    #: `potential`, `force`: V in J and R in N of the elongation u in m.
-    potential: Callable[[float], float]
-    force: Callable[[float], float]
-
-    @property
-    def monotone(self) -> bool:
-        """False, because a function of the user may fall, so that the spring may have several equilibria."""
-        return False
-
-    @property
-    def group(self) -> type[LawGroup]:
-        """The group that gathers laws of this kind."""
-        return SmoothLaws
-
-    @property
-    def label(self) -> str:
-        """Name with the class of the effect."""
-        return f"NonlinearSpring {self.name!r}"
-
-    def reaction(self, u: float) -> float:
-        """Return R(u) in N; infinite where Python's floats overflow."""
-        try:
-            return float(self.force(u))
-        except OverflowError:
-            return float("inf")
-
-    def energy(self, u: float) -> float:
-        """Return V(u) in J; infinite where Python's floats overflow."""
-        try:
-            return float(self.potential(u))
-        except OverflowError:
-            return float("inf")
-
-    def tangent(self, u: float, step: float = 1e-6) -> float:
-        """Return dR/du in N/m by a central difference."""
-        width = step * max(1.0, abs(u))
+        if self.slope is not None:
+            return _finite(self.slope, u)
+        width = 1e-6 * max(1.0, abs(u))
         return (self.reaction(u + width) - self.reaction(u - width)) / (2.0 * width)
 
-    def scaled(self, factor: float) -> SmoothLaw:
-        """Return the law with force and potential times a factor."""
-        potential, force = self.potential, self.force
-        return SmoothLaw(self.name, lambda u: factor * potential(u), lambda u: factor * force(u))
+    def mean(self, u0: float, u1: float) -> float:
+        """Return the mean force over a path: from the potential over long paths, by quadrature over short ones."""
+        if abs(u1 - u0) > _LONG * max(abs(u0), abs(u1)):
+            return (self.energy(u1) - self.energy(u0)) / (u1 - u0)
+        middle, half = 0.5 * (u0 + u1), 0.5 * (u1 - u0) * _GAUSS
+        ends = 5.0 * self.reaction(middle - half) + 8.0 * self.reaction(middle) + 5.0 * self.reaction(middle + half)
+        return ends / 18.0
 
-
-def mean_reaction(law: ScalarLaw, u0: float, u1: float) -> float:
-    """Return the mean force over a path: from the potential over long paths, by quadrature over short ones."""
-    if abs(u1 - u0) > _LONG * max(abs(u0), abs(u1)):
-        return (law.energy(u1) - law.energy(u0)) / (u1 - u0)
-    middle, half = 0.5 * (u0 + u1), 0.5 * (u1 - u0) * _GAUSS
-    return (5.0 * law.reaction(middle - half) + 8.0 * law.reaction(middle) + 5.0 * law.reaction(middle + half)) / 18.0
-
-
-def _function(law: ScalarLaw) -> Function:
-    """Return the function of a law written in Python; see `law`."""
-
-    def answer(what: int, p: Any, z: Any, u0: float, u1: float) -> float:
+    def __call__(self, what: int, p: Any, z: Any, u0: float, u1: float) -> float:
+        """Answer a question."""
         if what == FORCE:
-            return law.reaction(u1)
+            return self.reaction(u1)
         if what == TANGENT:
-            return law.tangent(u1)
+            return self.tangent(u1)
         if what == MEAN:
-            return mean_reaction(law, u0, u1)
+            return self.mean(u0, u1)
         if what == STORED:
-            return law.energy(u1)
+            return self.energy(u1)
         return float("nan") if what == KINK else 0.0
 
-    return answer
+
+def _finite(function: Callable[[float], float], u: float) -> float:
+    try:
+        return float(function(u))
+    except OverflowError:
+        return float("inf")
 
 
 @dataclass(frozen=True)
@@ -141,7 +82,7 @@ class SmoothLaws(ListedLaws):
 
     place: ClassVar[int] = 1
     kind: ClassVar[str] = "nonlinear springs"
-    laws: tuple[ScalarLaw, ...]
+    laws: tuple[Law, ...]
 
     def nonlinearity(self, method: str) -> str:
         """Return why the force is not piecewise linear."""
@@ -149,7 +90,7 @@ class SmoothLaws(ListedLaws):
 
     def statics_refusal(self, path: bool) -> str | None:
         """Return why statics cannot treat a law whose force may fall."""
-        several = next((law for law in self.laws if not law.monotone), None)
+        several = next((law for law in self.laws if not law.rising), None)
         if several is None:
             return None
         return (
@@ -161,14 +102,22 @@ class SmoothLaws(ListedLaws):
         """Return why there are no modes."""
         return f"{self.labels[0]} has no modes; put a Spring of its tangent there"
 
-    @cached_property
+    @property
     def forms(self) -> tuple[Law, ...]:
-        """The laws as functions."""
-        return tuple(Law(law.label, law.name, _function(law), rising=False) for law in self.laws)
+        """The laws."""
+        return self.laws
 
     def scaled(self, factor: float) -> SmoothLaws | None:
         """Return laws with force and potential times a factor."""
-        laws = [law for law in self.laws if isinstance(law, SmoothLaw)]
-        if len(laws) < len(self.laws):
+        known = [law.function for law in self.laws if isinstance(law.function, Smooth)]
+        if len(known) < len(self.laws):
             return None
-        return SmoothLaws(self.rows, tuple(law.scaled(factor) for law in laws))
+        laws = (
+            replace(law, function=_scaled(function, factor)) for law, function in zip(self.laws, known, strict=True)
+        )
+        return SmoothLaws(self.rows, tuple(laws))
+
+
+def _scaled(law: Smooth, factor: float) -> Smooth:
+    """Return a law with force and potential times a factor."""
+    return Smooth(lambda u: factor * law.potential(u), lambda u: factor * law.force(u))

@@ -118,29 +118,6 @@ def oscillator_change(delta: float, p: float, t: float) -> tuple[float, float]:
     return slow + 0.5 * fast, -fast / (2.0 * kappa)
 
 
-def oscillator_changes(delta: Array, p: Array, t: Array) -> tuple[Array, Array]:
-    """Return `oscillator_change` of many oscillators (n,) at many times (m,), each of shape (n, m)."""
-    square = p - delta * delta
-    c, s = np.empty((p.size, t.size)), np.empty((p.size, t.size))
-    for kind in (square > 0.0, square == 0.0, square < 0.0):
-        if not kind.any():
-            continue
-        d, root = delta[kind, None], np.sqrt(np.abs(square[kind, None]))
-        if square[kind][0] > 0.0:
-            sine, cosine = np.sin(0.5 * root * t), np.cos(0.5 * root * t)
-            turn, decay = -2.0 * sine * sine, np.expm1(-d * t)
-            c[kind] = decay + turn + decay * turn
-            s[kind] = (1.0 + decay) * 2.0 * sine * cosine / root
-        elif square[kind][0] == 0.0:
-            c[kind] = np.expm1(-d * t)
-            s[kind] = (1.0 + c[kind]) * t
-        else:
-            slow = np.expm1(-p[kind, None] / (d + root) * t)
-            fast = (1.0 + slow) * np.expm1(-2.0 * root * t)
-            c[kind], s[kind] = slow + 0.5 * fast, -fast / (2.0 * root)
-    return c, s
-
-
 @jit
 def matrix_change(generator: Array, t: float) -> Array:
     """Return ``exp(A t) - I`` of a small matrix A, shape (n, n), by Taylor's series and squaring.

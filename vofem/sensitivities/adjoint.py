@@ -15,10 +15,9 @@ import numpy as np
 from vofem.arrays import Array, Complex
 from vofem.sensitivities.flow import Block, Closed, divided, divided_far, ramped
 from vofem.sensitivities.forcing import Forcing, derivative_waves
-from vofem.sensitivities.forward import Forward
-from vofem.sensitivities.impacts import Impact
+from vofem.sensitivities.forward import Forward, Meeting
 from vofem.sensitivities.modal import ModalChange
-from vofem.system import OPEN, PINNED
+from vofem.system import PINNED
 
 #: As for forward derivatives.
 _NEAR = 1.0
@@ -68,10 +67,11 @@ class Backward:
         segments = forward.segments
         weight = np.zeros(2 * n)
         for index in range(segments.starts.size - 1, -1, -1):
-            if index in forward.passages:
-                weight = self._event(index, weight)
+            if index in forward.meetings:
+                weight = self._event(index, forward.meetings[index], weight)
             weight = self._segment(index, weight)
-        weight = self._released(np.flatnonzero(segments.status[0] == PINNED), weight, *forward._split(forward.state(0)))
+        if forward.begin is not None:
+            weight = self._event(-1, forward.begin, weight)
         self._contract()
         scale = forward.modal.scale
         for k, change in enumerate(forward.changes):
@@ -80,77 +80,30 @@ class Backward:
 
     # -- events -----------------------------------------------------------------------------------
 
-    def _event(self, index: int, weight: Array) -> Array:
-        """Return the weight of the state before the events at the end of a segment."""
-        forward, modal = self._forward, self._forward.modal
-        laws, passage, n = modal.laws, forward.passages[index], modal.size
-        assert laws is not None
-        z, v = forward._split(passage.state)
-        after = passage.after
-        struck = forward.impact(after, passage.numbers, passage.state)
-        if struck is not None:
-            return self._hit(index, struck, weight)
-        held = np.flatnonzero(after == PINNED)
-        if np.any(passage.before[held] != PINNED):
-            rows = modal.contacts[held]
-            stopped = v - rows.T @ np.linalg.solve(rows @ rows.T, rows @ v)
-            weight = self._released(held, weight, z, stopped)
-        before = weight.copy()
-        project = forward.flow(passage.before).equation.project
-        for number in passage.numbers:
-            j = int(forward.events.contact[number])
-            row = modal.contacts[j]
-            counted = float(self._linear.events[number])
-            if passage.before[j] == PINNED:
-                if counted:
-                    held_row, rate, explicit = forward.release(index, j, int(after[j]), passage.state)
-                    before -= counted / rate * held_row
-                    self._gradient -= counted / rate * explicit
+    def _event(self, index: int, meeting: Meeting, weight: Array) -> Array:
+        """Return the weight of the state before the events at the end of a segment, or of that at the start."""
+        forward, n, scale = self._forward, self._forward.modal.size, self._forward.modal.scale
+        before, passage = weight.copy(), meeting.passage
+        if passage is not None:
+            explicit, by_v = forward.explicit(meeting), weight[n:]
+            z, v, off, slow, meets = passage.back(weight[:n] * scale, by_v)
+            before = np.concatenate([z / scale, v])
+            self._gradient += off @ explicit.off + slow @ explicit.slow + meets @ explicit.meets
+            self._gradient += by_v @ explicit.velocity
+        for number in meeting.numbers:
+            j, counted = int(forward.events.contact[number]), float(self._linear.events[number])
+            if not counted:
                 continue
-            rate = float(row @ v)
-            share = -counted / rate if counted else 0.0
-            if after[j] != PINNED:
-                force = forward.saltation(j, rate)
-                sign = 1.0 if passage.before[j] == OPEN else -1.0
-                push = row if project is None else project @ row
-                share -= sign * force * float(push @ weight[n:])
-            before[:n] += share * row / modal.scale
-            self._gradient += share * forward.gap_changes(j, z)
+            if meeting.before[j] == PINNED:
+                row, rate, fixed = forward.release(index, j, int(meeting.after[j]), meeting.state)
+            else:
+                assert passage is not None
+                k = passage.contacts.index(j)
+                row, rate = np.concatenate([passage.rows[k] / scale, np.zeros(n)]), float(passage.rates[k])
+                fixed = explicit.meets[k]
+            before -= counted / rate * row
+            self._gradient -= counted / rate * fixed
         return before
-
-    def _hit(self, index: int, struck: Impact, weight: Array) -> Array:
-        """Return the weight of the state before an impact on a rigid stop at the end of a segment."""
-        forward, modal = self._forward, self._forward.modal
-        n, passage = modal.size, forward.passages[index]
-        z, v = forward._split(passage.state)
-        later = struck.passed(v)
-        before, beyond = forward.rates(index, passage.after, passage.state, later)
-        by_z, by_v = weight[:n] * modal.scale, weight[n:]
-        counted = float(self._linear.events[passage.numbers.start : passage.numbers.stop].sum())
-        counted += float(by_z @ (v - later) + by_v @ (struck.passed(before) - beyond))
-        share = counted / float(struck.rows[0] @ v)
-        for k, change in enumerate(forward.changes):
-            self._gradient[k] += float(by_v @ struck.by(change)[0])
-        self._gradient -= share * forward.gap_changes(struck.contacts[0], z)
-        return np.concatenate([(by_z - share * struck.rows[0]) / modal.scale, struck.passed(by_v)])
-
-    def _released(self, held: Any, weight: Array, z: Array, v: Array) -> Array:
-        """Return the weight of a state before it is held at the gaps of pinned contacts."""
-        if not held.size:
-            return weight
-        modal, n = self._forward.modal, self._forward.modal.size
-        rows = modal.contacts[held]
-        share = np.linalg.solve(rows @ rows.T, rows)
-        by_gap, by_speed = share @ (weight[:n] * modal.scale), share @ weight[n:]
-        for j, one, two in zip(held.tolist(), by_gap, by_speed, strict=True):
-            self._gradient -= one * self._forward.gap_changes(int(j), z)
-            for k, change in enumerate(self._forward.changes):
-                if change.contacts is not None:
-                    self._gradient[k] -= two * float(change.contacts[j] @ v)
-        found = weight.copy()
-        found[:n] -= (rows.T @ by_gap) / modal.scale
-        found[n:] -= rows.T @ by_speed
-        return found
 
     # -- segments ---------------------------------------------------------------------------------
 

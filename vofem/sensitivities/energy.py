@@ -9,7 +9,7 @@ import numpy as np
 from vofem.arrays import Array
 from vofem.errors import MethodError
 from vofem.sensitivities.flow import Block, Closed
-from vofem.sensitivities.forward import Forward, Passage
+from vofem.sensitivities.forward import Forward, Meeting
 from vofem.system import CLOSED, OPEN
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
@@ -59,8 +59,8 @@ def dissipated(forward: Forward, times: Array) -> Array:
         if ahead == order.size:
             break
         total = total + parts.sum(axis=0)
-        if index in forward.passages:
-            for number, power in powers(forward, forward.passages[index]):
+        if index in forward.meetings:
+            for number, power in powers(forward, forward.meetings[index]):
                 if power:
                     total = total + power * forward.event_times[number]
     return out
@@ -109,15 +109,15 @@ def gauss(low: float, high: float, frequency: float) -> tuple[Array, Array]:
     return (middles[:, None] + half * _NODES).ravel(), np.tile(half * _WEIGHTS, count)
 
 
-def powers(forward: Forward, passage: Passage) -> list[tuple[int, float]]:
+def powers(forward: Forward, meeting: Meeting) -> list[tuple[int, float]]:
     """Return what the motion of events adds to the dissipated energy, W: numbers of events, and powers."""
     laws, modal = forward.modal.laws, forward.modal
     assert laws is not None
     found = []
-    for number in passage.numbers:
+    for number in meeting.numbers:
         j, entered = int(forward.events.contact[number]), int(forward.events.status[number])
-        rate = float(modal.contacts[j] @ passage.state[modal.size :])
-        if {int(passage.before[j]), entered} == {OPEN, CLOSED}:
+        rate = float(modal.contacts[j] @ meeting.state[modal.size :])
+        if {int(meeting.before[j]), entered} == {OPEN, CLOSED}:
             found.append((number, laws.damping[j] * rate**2 * (-1.0 if entered == CLOSED else 1.0)))
     return found
 

@@ -1,19 +1,20 @@
 """Derivatives along an event-driven run: through segments in closed form, and through its events.
 
-At an event the perturbed run meets the contact at another time. The state at a fixed time therefore jumps by
-``(f_before - f_after) t_p``, t_p being the derivative of the time of the event (saltation).
+Events are passed by the map that the run itself has for small changes, see `event_driven.tangent`. To it comes what a
+parameter changes at a fixed state: gap functions, their rates, and what an impact does.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
+from vofem.integrators.event_driven.tangent import Passage, acceleration, shares
 from vofem.sensitivities.flow import Basis, Block, Closed, Segment, basis_of
 from vofem.sensitivities.forcing import Forcing, derivative_waves, forcing_of, waves_of
 from vofem.sensitivities.impacts import Impact
@@ -77,8 +78,8 @@ class Crossing:
 
 
 @dataclass
-class Passage:
-    """The events between two segments, for the derivatives of what follows from them."""
+class Meeting:
+    """The events between two segments, or what holds pinned contacts at the start."""
 
     numbers: range  #: The events in the log.
     #: `before`, `after`: status before and after, shape (n_contacts,).
@@ -86,6 +87,18 @@ class Passage:
     after: Status
     state: Array  #: Scaled state before, shape (2n,).
     ends: Array  #: Derivatives of the scaled state before, at a fixed time, shape (2n, p).
+    passage: Passage | None  #: What it does to changes; None where pinned contacts are released only.
+    impact: Impact | None = None  #: Where a rigid stop is hit.
+
+
+class Explicit(NamedTuple):
+    """What parameters change at events at a fixed state; see `Passage` for the first three, (h, p) and (k, p)."""
+
+    off: Array
+    slow: Array
+    meets: Array
+    velocity: Array  #: Derivatives of the velocity after an impact, shape (n, p).
+    impulse: Array  #: Derivatives of its impulse, shape (p,).
 
 
 @dataclass
@@ -107,8 +120,9 @@ class Forward:
         self._starts: list[Array] = []
         self._forces: dict[int, tuple[Forcing, Forcing]] = {}
         self._pieces: dict[int, Closed | Block] = {}
-        self.passages: dict[int, Passage] = {}
-        self._bounced = getattr(self.solution, "hard_bounces", {})
+        self.meetings: dict[int, Meeting] = {}
+        #: The run in the modes in which it was computed.
+        self._run = getattr(self.solution, "reduced", self.solution)
         #: Derivatives of the impulses of impacts on rigid stops, shape (p,), by the number of the event.
         self.impulses: dict[int, Array] = {}
         self.final = self._propagate()
@@ -129,7 +143,7 @@ class Forward:
         if held.size and laws is not None:
             # The run stores the motion with which a contact comes to its gap; there it rests.
             rows = self.modal.contacts[held]
-            share = np.linalg.solve(rows @ rows.T, rows).T
+            share = shares(rows)
             z, v = z - share @ (rows @ z - laws.gap[held]), v - share @ (rows @ v)
         return np.concatenate([self.modal.scale * z, v])
 
@@ -194,11 +208,10 @@ class Forward:
         return bool(np.any((status[index + 1] == PINNED) & (status[index] != PINNED)))
 
     def _sampled(self, t: float, index: int, last: bool) -> tuple[Array, Array]:
-        reduced = getattr(self.solution, "reduced", self.solution)
         if not last:
             # Displacements are continuous; the velocity before pinning is that of the free motion.
             t = float(np.nextafter(t, -np.inf))
-        z, v = reduced.modal(np.array([min(t, self.solution.t_end)]))
+        z, v = self._run.modal(np.array([min(t, self.solution.t_end)]))
         return z[:, 0], v[:, 0]
 
     # -- through segments and events --------------------------------------------------------------
@@ -209,8 +222,9 @@ class Forward:
         changes = [] if self.bare else self.changes
         z = np.array([change.displacement for change in changes]).reshape(-1, n).T
         v = np.array([change.velocity for change in changes]).reshape(-1, n).T
-        if not self.bare:
-            z, v = self._held(np.flatnonzero(segments.status[0] == PINNED), z, v, *self._split(self.state(0)))
+        self.begin = self._resting()
+        if not self.bare and self.begin is not None:
+            z, v = self._pass(-1, self.begin, z, v)
         event = 0
         for index in range(segments.starts.size):
             self._starts.append(np.concatenate([scale * z, v]))
@@ -221,18 +235,30 @@ class Forward:
             before = segments.status[index]
             after = self._status_at_end(event) if last else segments.status[index + 1]
             count = self.events.time.size - event if last else int(np.count_nonzero(before != after))
-            if index + 1 in self._bounced:
+            if index + 1 in self._run.hard_bounces:
                 # A stop closes and opens at once.
                 count = 2
             if not count:
                 continue
             state = piece.states(np.array([segments.durations[index]]))[:, 0]
+            passage = self._run.passage(index, (after, *self._split(state)))
             numbers = range(event, event + count)
-            self.passages[index] = Passage(numbers, before, after, state, ends)
+            impact = self._impact(after, numbers, state)
+            self.meetings[index] = Meeting(numbers, before, after, state, ends, passage, impact)
             if not self.bare:
-                z, v = self._pass(index, before, after, numbers, state, z, v)
+                z, v = self._pass(index, self.meetings[index], z, v)
             event += count
         return np.concatenate([scale * z, v])
+
+    def _resting(self) -> Meeting | None:
+        """Return what holds contacts that are pinned at the start at their gaps."""
+        status, n = self.segments.status[0], self.modal.size
+        held = np.flatnonzero(status == PINNED)
+        if not held.size:
+            return None
+        rows, none = self.modal.contacts[held], np.zeros((0, n))
+        passage = Passage([], none, np.zeros(0), none.T, held.tolist(), rows, shares(rows))
+        return Meeting(range(0), status, status, self.state(0), np.zeros((2 * n, 0)), passage)
 
     def _status_at_end(self, event: int) -> Status:
         """Return the status after the events that happen at the very end of the run."""
@@ -244,58 +270,56 @@ class Forward:
         n = self.modal.size
         return state[:n] / self.modal.scale, state[n:]
 
-    def _pass(
-        self, index: int, before: Status, after: Status, numbers: range, state: Array, z: Array, v: Array
-    ) -> tuple[Array, Array]:
-        """Return the derivatives after the events between two segments.
-
-        `index`: the segment before.
-        `before`, `after` have shape (n_contacts,).
-        `numbers`: the events in the log.
-        `state` (shape (2n,)): at the events, before them.
-        `z`, `v` (shape (n, p)): derivatives before.
-        """
-        laws, modal = self.modal.laws, self.modal
-        assert laws is not None
-        displacement, velocity = self._split(state)
-        struck = self.impact(after, numbers, state)
-        if struck is not None:
-            return self._hit(index, after, numbers, state, struck, z, v)
-        change_v = np.zeros_like(v)
-        project = self.flow(before).equation.project
-        for number in numbers:
+    def _pass(self, index: int, meeting: Meeting, z: Array, v: Array) -> tuple[Array, Array]:
+        """Return the derivatives after the events at the end of a segment, z and v being those before, (n, p)."""
+        passage, explicit = meeting.passage, self.explicit(meeting)
+        for number in meeting.numbers:
             j = int(self.events.contact[number])
-            row = modal.contacts[j]
-            if before[j] == PINNED:
-                reaction, rate, explicit = self.release(index, j, int(after[j]), state)
-                with np.errstate(divide="ignore", invalid="ignore"):
-                    self.event_times[number] = (
-                        -(reaction @ np.concatenate([modal.scale[:, None] * z, v]) + explicit) / rate
-                    )
-                continue
-            meets = self._meets(j, displacement, z)
-            rate = float(row @ velocity)
+            if meeting.before[j] == PINNED:
+                reaction, rate, fixed = self.release(index, j, int(meeting.after[j]), meeting.state)
+                own = reaction @ np.concatenate([self.modal.scale[:, None] * z, v]) + fixed
+            else:
+                assert passage is not None
+                k = passage.contacts.index(j)
+                rate, own = float(passage.rates[k]), passage.rows[k] @ z + explicit.meets[k]
+                jump = float(np.linalg.norm(passage.kick[:, k]) * np.linalg.norm(passage.rows[k]))
+                self.crossings.append(Crossing(float(self.events.time[number]), j, rate, jump))
             with np.errstate(divide="ignore", invalid="ignore"):
-                self.event_times[number] = -meets / rate
-            force = self.saltation(j, rate)
-            size = float(np.sqrt(row @ row))
-            self.crossings.append(Crossing(float(self.events.time[number]), j, rate, abs(force) * size**2))
-            if after[j] == PINNED:
-                continue
-            sign = 1.0 if (before[j], after[j]) == (OPEN, CLOSED) else -1.0
-            push = row if project is None else project @ row
-            if force:
-                change_v -= sign * force * np.outer(push, meets)
-        v = v + change_v
-        held = np.flatnonzero(after == PINNED)
-        if np.any(before[held] != PINNED):
-            stopped = velocity.copy()
-            rows = modal.contacts[held]
-            stopped -= rows.T @ np.linalg.solve(rows @ rows.T, rows @ velocity)
-            z, v = self._held(held, z, v, displacement, stopped)
-        return z, v
+                self.event_times[number] = -own / rate
+        if passage is None:
+            return z, v
+        if meeting.impact is not None:
+            first = meeting.numbers[0]
+            displacement, velocity = self._split(meeting.state)
+            load = self._run.load(float(self.events.time[first]))
+            push = acceleration(self._run.space, self.modal.laws, meeting.before, displacement, velocity, load)
+            there = v + np.outer(push, self.event_times[first])
+            self.impulses[first] = meeting.impact.impulses(there)[0] + explicit.impulse
+        z, v = passage.passed(z, v, off=explicit.off, slow=explicit.slow, meets=explicit.meets)
+        return z, v + explicit.velocity
 
-    def impact(self, after: Status, numbers: range, state: Array) -> Impact | None:
+    def explicit(self, meeting: Meeting) -> Explicit:
+        """Return what parameters change at events at a fixed state."""
+        n, p, passage = self.modal.size, len(self.changes), meeting.passage
+        if passage is None:
+            none = np.zeros((0, p))
+            return Explicit(none, none, none, np.zeros((n, p)), np.zeros(p))
+        displacement, velocity = self._split(meeting.state)
+        off, meets = (
+            np.array([self.gap_changes(j, displacement) for j in contacts]).reshape(-1, p)
+            for contacts in (passage.restrained, passage.contacts)
+        )
+        slow, turned, impulse = np.zeros_like(off), np.zeros((n, p)), np.zeros(p)
+        stopped = velocity - passage.share @ (passage.held @ velocity)
+        for k, change in enumerate(self.changes):
+            if meeting.impact is not None:
+                turned[:, k], own = meeting.impact.by(change)
+                impulse[k] = own[0]
+            elif change.contacts is not None:
+                slow[:, k] = change.contacts[passage.restrained] @ stopped
+        return Explicit(off, slow, meets, turned, impulse)
+
+    def _impact(self, after: Status, numbers: range, state: Array) -> Impact | None:
         """Return the impact on a rigid stop that events are, None for others; `state` (2n,) is that before them."""
         laws, velocity = self.modal.laws, self._split(state)[1]
         assert laws is not None
@@ -308,48 +332,6 @@ class Forward:
         held = [j, *(k for k in np.flatnonzero(after == PINNED).tolist() if k != j)]
         return Impact(held, self.modal.contacts[held], 0.0, velocity)
 
-    def rates(self, index: int, after: Status, state: Array, velocity: Array) -> tuple[Array, Array]:
-        """Return the modal accelerations, each (n,), at the end of a segment, and with another status and velocity."""
-        n, tau = self.modal.size, float(self.segments.durations[index])
-        whole, found = self.forces(index)[0].at(tau), []
-        for status, v in ((self.segments.status[index], state[n:]), (after, velocity)):
-            equation = self.flow(status).equation
-            force = whole if equation.project is None else equation.project @ whole
-            found.append(equation.matrix[n:] @ np.concatenate([state[:n], v]) + force)
-        return found[0], found[1]
-
-    def _hit(
-        self, index: int, after: Status, numbers: range, state: Array, struck: Impact, z: Array, v: Array
-    ) -> tuple[Array, Array]:
-        """Return the derivatives after an impact on a rigid stop, z and v being those before, (n, p)."""
-        displacement, velocity = self._split(state)
-        j, later = struck.contacts[0], struck.passed(velocity)
-        before, beyond = self.rates(index, after, state, later)
-        rate = float(struck.rows[0] @ velocity)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            times = -self._meets(j, displacement, z) / rate
-        self.event_times[numbers.start : numbers.stop] = times
-        size = float(np.linalg.norm(struck.passed(before) - beyond))
-        self.crossings.append(Crossing(float(self.events.time[numbers[0]]), j, rate, size))
-        there = v + np.outer(before, times)
-        z = z + np.outer(velocity - later, times)
-        v = struck.passed(there) - np.outer(beyond, times)
-        impulses = struck.impulses(there)[0]
-        for k, change in enumerate(self.changes):
-            turned, own = struck.by(change)
-            v[:, k] += turned
-            impulses[k] += own[0]
-        self.impulses[numbers[0]] = impulses
-        return z, v
-
-    def saltation(self, j: int, rate: float) -> float:
-        """Return the jump of a contact's force over the rate of its gap function, N s/m."""
-        laws = self.modal.laws
-        assert laws is not None
-        lever = laws.stiffness[j] * (laws.gap[j] - laws.offset[j])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return float((lever / np.float64(rate) if lever else 0.0) + laws.damping[j])
-
     def gap_changes(self, j: int, displacement: Array) -> Array:
         """Return the derivatives of a gap function at fixed modal displacements, shape (p,)."""
         found = np.array([-change.change.gap[j] for change in self.changes])
@@ -357,23 +339,6 @@ class Forward:
             if change.contacts is not None:
                 found[k] += change.contacts[j] @ displacement
         return found
-
-    def _meets(self, j: int, displacement: Array, z: Array) -> Array:
-        """Return the derivative of a gap function at a fixed time, shape (p,)."""
-        return np.asarray(self.modal.contacts[j] @ z + self.gap_changes(j, displacement))
-
-    def _held(self, held: Status, z: Array, v: Array, displacement: Array, velocity: Array) -> tuple[Array, Array]:
-        """Return derivatives that keep pinned contacts at their gaps."""
-        if not held.size:
-            return z, v
-        rows = self.modal.contacts[held]
-        off = np.array([self._meets(int(j), displacement, z) for j in held])
-        speed = rows @ v
-        for k, change in enumerate(self.changes):
-            if change.contacts is not None:
-                speed[:, k] += change.contacts[held] @ velocity
-        share = np.linalg.solve(rows @ rows.T, rows).T
-        return z - share @ off, v - share @ speed
 
     def release(self, index: int, j: int, after: int, state: Array) -> tuple[Array, float, Array]:
         """Return what releases a pinned contact at the end of a segment, its reaction less the force that it then has.

@@ -22,12 +22,7 @@ class Impact:
     def __init__(self, contacts: list[int], rows: Array, restitution: float, velocity: Array) -> None:
         self.contacts, self.rows, self.velocity, self._factor = contacts, rows, velocity, 1.0 + restitution
         self._gram = np.linalg.inv(rows @ rows.T)
-        self._share = rows.T @ self._gram
         self._force = self._gram @ (rows @ velocity)
-
-    def passed(self, velocities: Array) -> Array:
-        """Return velocities (n,) or (n, p) after it. The map is symmetric."""
-        return np.asarray(velocities - self._factor * self._share @ (self.rows @ velocities))
 
     def by(self, change: ModalChange) -> tuple[Array, Array]:
         """Return the derivatives of the velocity after it (n,) and of its impulses (k,) at a fixed velocity before."""

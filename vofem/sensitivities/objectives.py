@@ -107,8 +107,8 @@ def dissipated() -> Objective:
             for k, matrix in enumerate(matrices):
                 if np.any(matrix):
                     out.explicit[k] += float(weight @ np.sum(v * (matrix @ v), axis=0))
-        for passage in forward.passages.values():
-            for number, power in powers(forward, passage):
+        for meeting in forward.meetings.values():
+            for number, power in powers(forward, meeting):
                 out.events[number] += power
         return out
 

@@ -11,6 +11,7 @@ import numpy as np
 from vofem.arrays import Array, Complex
 from vofem.blas import one_thread
 from vofem.errors import ArgumentError, MethodError
+from vofem.integrators.event_driven.tangent import switch_factors
 from vofem.scene import Scene
 from vofem.sensitivities.modal import ModalChange
 from vofem.sensitivities.of_runs import MotionSensitivities, without_state
@@ -176,15 +177,15 @@ class OrbitSensitivities(MotionSensitivities):
         for index in range(forward.starts.size):
             matrix = forward.flow(forward.segments.status[index]).equation.matrix
             whole, parts = forward.closed(index).transitions()
-            passage = forward.passages.get(index)
+            meeting = forward.meetings.get(index)
             ended = self.period if index == last else np.zeros(p)
-            if passage is not None:
-                ended = times[passage.numbers[0]]
+            if meeting is not None:
+                ended = times[meeting.numbers[0]]
             for k in range(p):
                 own = parts.get(k, 0.0) + (matrix @ whole) * (ended[k] - began[k])
                 changes[k] = own @ product + whole @ changes[k]
             product = whole @ product
-            if passage is None:
+            if meeting is None:
                 began = np.zeros(p)
                 continue
             jump, jumps = self._jumps(index, times)
@@ -216,20 +217,20 @@ class OrbitSensitivities(MotionSensitivities):
         forward, modal = self._forward, self._modal
         laws, n, p = modal.laws, modal.size, len(self.parameters)
         assert laws is not None
-        passage = forward.passages[index]
-        velocity = passage.state[n:]
-        ends = self._total(passage.ends)
-        equation = forward.flow(passage.before).equation
+        meeting = forward.meetings[index]
+        velocity = meeting.state[n:]
+        ends = self._total(meeting.ends)
+        equation = forward.flow(meeting.before).equation
         tau = float(forward.segments.durations[index])
-        acceleration = equation.matrix[n:] @ passage.state + forward.forces(index)[1].at(tau)
+        acceleration = equation.matrix[n:] @ meeting.state + forward.forces(index)[1].at(tau)
         whole, parts = np.eye(2 * n), [np.zeros((2 * n, 2 * n)) for _ in range(p)]
-        for number in passage.numbers:
+        for number in meeting.numbers:
             j = int(forward.events.contact[number])
-            sign = 1.0 if passage.before[j] == OPEN and forward.events.status[number] == CLOSED else -1.0
+            sign = 1.0 if meeting.before[j] == OPEN and forward.events.status[number] == CLOSED else -1.0
             row = modal.contacts[j]
             rate = float(row @ velocity)
             lever = laws.stiffness[j] * (laws.gap[j] - laws.offset[j])
-            gain = forward.saltation(j, rate)
+            gain = float(switch_factors(laws, j, False, rate))
             push = row if equation.project is None else equation.project @ row
             whole[n:, :n] -= sign * gain * np.outer(push, row / modal.scale)
             for k in range(p):

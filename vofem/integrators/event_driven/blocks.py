@@ -208,28 +208,6 @@ def changes(blocks: Blocks, starts: Array, own: Integers, tau: Array) -> Array:
     return found
 
 
-def row_changes(blocks: Blocks, rows: Array, tau: Array) -> Array:
-    """Return rows whose products with states are the changes of other rows, (k, 2, m), after times, (n_times, k, 2, m).
-
-    For blocks without groups. From these and a few states a motion follows at the sums of two sets of times.
-    """
-    c, s = (part[:, None] for part in oscillator_times(blocks.of, tau))
-    w, u = rows[:, 0], rows[:, 1]
-    delta, p = blocks.of[DELTA], blocks.of[SQUARE]
-    found = np.stack([w * (c + delta * s) - u * (p * s), w * s + u * (c - delta * s)], axis=2)
-    blocks = ready(blocks)
-    driving = np.unique(blocks.pair[:, 1:])
-    for j in driving[driving >= 0].tolist():
-        for part in (0, 1):
-            start = np.zeros((2, delta.size))
-            start[part, j] = 1.0
-            for i, t in enumerate(tau.tolist()):
-                driven = np.zeros_like(start)
-                _respond_all(blocks, start, t, driven)
-                found[i, :, part, j] += w @ driven[0] + u @ driven[1]
-    return np.asarray(found)
-
-
 @jit
 def _changes(blocks: Blocks, starts: Array, own: Integers, tau: Array, out: Array) -> None:
     for i in range(tau.size):

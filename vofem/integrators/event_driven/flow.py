@@ -11,22 +11,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.errors import EventStormError
-from vofem.integrators.event_driven.follow import Follower, follower_of
+from vofem.integrators.event_driven.follow import follower_of
 from vofem.integrators.event_driven.modal_space import ModalSpace, modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.integrators.event_driven.solution import EventSolution
-from vofem.integrators.event_driven.tangent import Event, Tangent, acceleration
+from vofem.integrators.event_driven.tangent import acceleration, drifted
 from vofem.system import OPEN, Counters, State, System
-
-if TYPE_CHECKING:
-    from vofem.integrators.event_driven.walk import Walker
 
 Status = NDArray[np.int64]
 
@@ -87,17 +83,13 @@ class Flow:
         """Contact status at the end."""
         return self.solution.record.last_status
 
-    def rate(self, *, at_start: bool) -> Array:
-        """Return the rates of displacement and velocity at the start (just after it) or the stop, shape (2n,)."""
-        solution = self.solution
-        laws = solution.system.contacts
-        if at_start:
-            time, displacement, velocity = self.start.time, self.start.displacement, self.start.velocity
-            status = solution.record.status(0)
-        else:
-            time, displacement, velocity, status = self.stop, self.displacement, self.velocity, self.status
-        a = acceleration(solution.space, laws, status, displacement, velocity, solution.load(time))
-        return np.concatenate([velocity, a])
+    @property
+    def rate(self) -> Array:
+        """Rates of displacement and velocity at the stop, shape (2n,)."""
+        space, load = self.solution.space, self.solution.load(self.stop)
+        laws = self.solution.system.contacts
+        a = acceleration(space, laws, self.status, self.displacement, self.velocity, load)
+        return np.concatenate([self.velocity, a])
 
     @cached_property
     def sizes(self) -> tuple[float, float]:
@@ -157,7 +149,6 @@ def flow(
     counters = Counters() if counters is None else counters
     solution = solution_of(system, stop, np.array([stop]), counters)
     space = solution.space
-    n = space.size
     t, displacement, velocity = start.time, start.displacement, start.velocity
     if start.status is None:
         shapes = space.shapes
@@ -167,7 +158,6 @@ def flow(
     else:
         status = start.status
         solution.begin_at(status, displacement, start.touching)
-    tangent = None if derivative is None else Tangent(space, solution.system.contacts, derivative[:n], derivative[n:])
     edges = [t, *_stops(system, t, stop)]
     follower = follower_of(solution, edges, t, status, displacement, velocity, PIN_FRACTION, most_events)
     while follower.time < stop:
@@ -177,9 +167,9 @@ def flow(
                 f"more than {most_events} contact events in a flow of {stop - start.time:g} s: contacts chatter"
             )
     displacement, velocity = follower.displacement, follower.velocity
-    events = _pass_along(solution, follower, tangent)
-    monodromy = None if tangent is None else tangent.matrix
-    return Flow(start, stop, displacement, velocity, monodromy, tuple(events), solution)
+    end = follower.status, displacement, velocity
+    monodromy = None if derivative is None else _changed(solution, derivative, end)
+    return Flow(start, stop, displacement, velocity, monodromy, tuple(_events(solution, end)), solution)
 
 
 def _stops(system: System, start: float, stop: float) -> list[float]:
@@ -188,35 +178,35 @@ def _stops(system: System, start: float, stop: float) -> list[float]:
     return [*(float(t) for t in np.unique([b for b in breaks if start < b < stop])), stop]
 
 
-def _pass_along(solution: EventSolution, follower: Follower | Walker, tangent: Tangent | None) -> list[FlowEvent]:
-    """Compute perturbations, if there are any, along all segments of a flow; return its events."""
-    record, space = solution.record, solution.space
+def _changed(solution: EventSolution, changes: Array, end: tuple[Status, Array, Array]) -> Array:
+    """Return changes of the state, shape (2n, k), after all segments and events of a flow; see `_events`."""
+    z, v = np.split(changes, 2)
+    for index, duration in enumerate(solution.record.durations):
+        z, v = drifted(solution.spectrum(index), z, v, duration)
+        events = solution.passage(index, end)
+        if events is not None:
+            z, v = events.passed(z, v)
+    return np.concatenate([z, v])
+
+
+def _events(solution: EventSolution, end: tuple[Status, Array, Array]) -> list[FlowEvent]:
+    """Return the events of a flow, given contact status and modal state at its end."""
+    record, space, bounces = solution.record, solution.space, solution.bounces
     events: list[FlowEvent] = []
-    bounces = solution.hard_bounces
-    for index, duration in enumerate(record.durations):
-        if tangent is not None:
-            tangent.drift(solution.spectrum(index), duration)
-        if index + 1 < record.segments:
-            time, after = record.starts[index + 1], record.status(index + 1)
-            displacement, velocity = record.state(index + 1)
-        else:
-            time, after = follower.time, follower.status
-            displacement, velocity = follower.displacement, follower.velocity
-        before = record.status(index)
-        if index + 1 in bounces:
-            number = bounces[index + 1]
-            assert solution.bounces is not None
-            rate = float(solution.bounces.approach[number])
-            events.append(FlowEvent(float(time), int(solution.bounces.contact[number]), OPEN, OPEN, rate))
-            if tangent is not None:
-                tangent.bounce(*solution.impact(number))
+    for index, (begin, duration) in enumerate(zip(record.starts, record.durations, strict=True)):
+        inner = index + 1 < record.segments
+        time = float(record.starts[index + 1] if inner else begin + duration)
+        after, velocity = (record.status(index + 1), record.state(index + 1)[1]) if inner else end[::2]
+        if index + 1 in solution.hard_bounces:
+            assert bounces is not None
+            number = solution.hard_bounces[index + 1]
+            rate = float(bounces.approach[number])
+            events.append(FlowEvent(time, int(bounces.contact[number]), OPEN, OPEN, rate))
             continue
-        changed = np.flatnonzero(before != after).tolist()
-        for j in changed:
+        before = record.status(index)
+        for j in np.flatnonzero(before != after).tolist():
             rate = float(space.contacts[j] @ velocity)
-            events.append(FlowEvent(float(time), j, int(before[j]), int(after[j]), rate))
-        if changed and tangent is not None:
-            tangent.jump(Event(before, after, displacement, velocity, solution.load(time)))
+            events.append(FlowEvent(time, j, int(before[j]), int(after[j]), rate))
     return events
 
 

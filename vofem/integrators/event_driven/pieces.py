@@ -18,7 +18,8 @@ from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.regime import Regime
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.kernels.jit import jit, plain_form
-from vofem.linalg.exponential import matrix_change, oscillator, oscillator_change, oscillator_changes
+from vofem.linalg.exponential import matrix_change, oscillator_change
+from vofem.linalg.oscillators import oscillator_times, oscillators
 from vofem.system import CLOSED, PINNED, ContactLaws
 
 #: How block states follow from modal states: they are the same, by real modes, or by a matrix for whole states.
@@ -282,11 +283,26 @@ def _rates(structure: Structure, maps: Maps, loads: Pieces, s: int, time: float,
 
 
 @jit
-def turned(delta: Array, p: Array, t: float, z: Array, v: Array) -> tuple[Array, Array]:
-    """Return free block states, each (n, k), after a time."""
+def turns(delta: Array, p: Array, t: float) -> tuple[Array, Array]:
+    """Return ``c - 1`` and ``s`` of `oscillator` for some blocks, each (n,)."""
+    turn, sine = np.empty(p.size), np.empty(p.size)
+    for i in range(p.size):
+        turn[i], sine[i] = oscillator_change(delta[i], p[i], t)
+    return turn, sine
+
+
+@plain_form(turns)
+def _turns_at_once(delta: Array, p: Array, t: float) -> tuple[Array, Array]:
+    turn, sine = oscillator_times(oscillators(delta, p), np.array([t]))
+    return turn[0], sine[0]
+
+
+@jit
+def turned(delta: Array, p: Array, turn: Array, sine: Array, z: Array, v: Array) -> tuple[Array, Array]:
+    """Return free block states, each (n, k), after the time to which `turns` belong."""
     after_z, after_v = np.empty_like(z), np.empty_like(v)
     for i in range(p.size):
-        c, s = oscillator(delta[i], p[i], t)
+        c, s = 1.0 + turn[i], sine[i]
         for j in range(z.shape[1]):
             after_z[i, j] = c * z[i, j] + s * (v[i, j] + delta[i] * z[i, j])
             after_v[i, j] = c * v[i, j] - s * (p[i] * z[i, j] + delta[i] * v[i, j])
@@ -294,29 +310,9 @@ def turned(delta: Array, p: Array, t: float, z: Array, v: Array) -> tuple[Array,
 
 
 @plain_form(turned)
-def _turned_at_once(delta: Array, p: Array, t: float, z: Array, v: Array) -> tuple[Array, Array]:
-    """Do what `_turned` does, for all blocks at once."""
-    c, s = np.empty((p.size, 1)), np.empty((p.size, 1))
-    for i in range(p.size):
-        c[i], s[i] = oscillator(delta[i], p[i], t)
-    d, q = delta[:, None], p[:, None]
+def _turned_at_once(delta: Array, p: Array, turn: Array, sine: Array, z: Array, v: Array) -> tuple[Array, Array]:
+    c, s, d, q = 1.0 + turn[:, None], sine[:, None], delta[:, None], p[:, None]
     return c * z + s * (v + d * z), c * v - s * (q * z + d * v)
-
-
-@jit
-def _mean_weights(delta: Array, p: Array, t: float) -> tuple[Array, Array]:
-    """Return means over a time of the rates of ``c`` and ``s`` of `oscillator`, each (n,)."""
-    turn, sine = np.empty(p.size), np.empty(p.size)
-    for i in range(p.size):
-        turn[i], sine[i] = oscillator_change(delta[i], p[i], t)
-    return turn / t, sine / t
-
-
-@plain_form(_mean_weights)
-def _mean_weights_at_once(delta: Array, p: Array, t: float) -> tuple[Array, Array]:
-    """Do what `_mean_weights` does, for all blocks at once."""
-    turn, sine = oscillator_changes(delta, p, np.array([t]))
-    return turn[:, 0] / t, sine[:, 0] / t
 
 
 @jit
@@ -350,11 +346,10 @@ def _columns_after(
         first -= maps.carry[s] @ columns[:n].copy()
     z, v = _into_blocks(maps, s, first, columns[n:].copy())
     delta, p = maps.delta[s], maps.p[s]
-    after_z, after_v = turned(delta, p, duration, z, v)
-    if duration != 0.0:
-        turn, sine = _mean_weights(delta, p, duration)
-    else:
-        turn, sine = -delta, np.ones(n)
+    turn, sine = turns(delta, p, duration)
+    after_z, after_v = turned(delta, p, turn, sine, z, v)
+    # Their means over the duration.
+    turn, sine = (turn / duration, sine / duration) if duration != 0.0 else (-delta, np.ones(n))
     rows_z, rows_v = maps.mean_z[s], maps.mean_v[s]
     weight_z = rows_z * (turn + sine * delta) - rows_v * (sine * p)
     weight_v = rows_z * sine + rows_v * (turn - sine * delta)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
-from vofem.integrators.event_driven.blocks import Blocks, blocks_of, changes, row_changes
+from vofem.integrators.event_driven.blocks import Blocks, blocks_of, changes
 from vofem.integrators.event_driven.clusters import group_of
 from vofem.integrators.event_driven.exosystem import Exosystem, Kind
 from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
@@ -34,9 +34,6 @@ Integers = NDArray[np.int64]
 
 #: Linear pieces that are kept with an eigensystem, and only one in systems of more modes than these.
 _MOST_REGIMES, _FEW_MODES = 8, 300
-
-#: Numbers of states up to which a motion is sampled at all times at once.
-_FEW_NUMBERS = 2000
 
 #: A harmonic counts as resonant where the steady answer would exceed ten times the static one.
 RESONANT = 0.1
@@ -412,38 +409,19 @@ class Motion:
         return displacement.T, velocity.T
 
     def sampled(self, rows: Array, edges: Sequence[float], counts: Sequence[int]) -> tuple[Array, Array, Array]:
-        """Return times, in at least so many equal steps from edge to edge, and modal rows (k, n) of the motion there.
+        """Return times, so many equal steps from edge to edge, and modal rows (k, n) of the motion there.
 
         These are displacements and velocities, each (k, n_times).
         """
-        blocks, over = self.regime.blocks, self.regime.over_blocks(rows)
-        fine = [
-            max(int(np.sqrt(count)), 1) if blocks.group is None and count * blocks.of.shape[1] > _FEW_NUMBERS else 1
-            for count in counts
-        ]
-        steps = [-(-count // each) * each for count, each in zip(counts, fine, strict=True)]
         parts = [
             low + (high - low) / count * np.arange(count)
-            for low, high, count in zip(edges[:-1], edges[1:], steps, strict=True)
+            for low, high, count in zip(edges[:-1], edges[1:], counts, strict=True)
         ]
-        parts.append(np.array(edges[-1:]))
-        changes = flat(self.changes(np.concatenate([tau[::each] for tau, each in zip(parts, [*fine, 1], strict=True)])))
-        values = over @ changes.T
-        if max(fine) > 1:
-            # Each of these times begins a few steps over which the rows change.
-            first, found = 0, []
-            for tau, each in zip(parts, [*fine, 1], strict=True):
-                own = slice(first, first + tau.size // each)
-                part, first = values[:, own, None], own.stop
-                if each > 1:
-                    later = row_changes(blocks, over.reshape(len(over), *self.start.shape), tau[:each] - tau[0])
-                    more = (changes[own] + self.start.ravel()) @ later.reshape(-1, changes.shape[1]).T
-                    part = part + more.reshape(-1, each, len(over)).transpose(2, 0, 1)
-                found.append(part.reshape(len(over), -1))
-            values = np.concatenate(found, axis=1)
+        tau = np.concatenate([*parts, edges[-1:]])
+        values = self.regime.over_blocks(rows) @ flat(self.changes(tau)).T
         begin = np.concatenate([rows @ self.displacement, rows @ self.velocity])
         displacement, velocity = np.split(values + begin[:, None], 2)
-        return np.concatenate(parts), displacement, velocity
+        return tau, displacement, velocity
 
     def reactions(self, tau: Array) -> Array:
         """Return the reactions of the pinned contacts at some times, shape (k, n_times)."""

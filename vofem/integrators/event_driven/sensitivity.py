@@ -1,104 +1,100 @@
-"""How a perturbation grows along an event-driven run.
-
-Between events a small perturbation follows the free motion of the status; at
-an event its velocity jumps, because the perturbed run meets the event at
-another time (the saltation, or jump, matrix
-``I + (f_after - f_before) grad(s)' / (grad(s)' f_before)``). Both are known in
-closed form, so the growth is too.
-
-R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical
-Systems, Springer 2004, doi:10.1007/978-3-540-44398-8.
-"""
+"""How small changes grow along an event-driven run: free motion between events and the maps of `tangent` at events."""
 
 from __future__ import annotations
 
-import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
-from vofem.integrators.event_driven.bounces import struck
 from vofem.integrators.event_driven.loop import from_blocks, to_blocks
 from vofem.integrators.event_driven.modal_space import ModalSpace
-from vofem.integrators.event_driven.record import Record
-from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.integrators.event_driven.table import BLOCKS, OF, Statuses
-from vofem.integrators.event_driven.tangent import Event, bounced, drifted, jumped
+from vofem.integrators.event_driven.tangent import drifted
 from vofem.kernels.addresses import floats, shaped
 from vofem.kernels.jit import jit
+from vofem.kernels.mode import compiled
 from vofem.linalg.exponential import oscillator
 from vofem.linalg.oscillators import DELTA, SQUARE
 from vofem.linalg.vectors import inner
-from vofem.system import CLOSED, ContactLaws
+from vofem.system import CLOSED, PINNED
 
 Status = NDArray[np.int64]
 
+#: Largest number of statuses for which the growth is computed in compiled code.
+_MOST_STATUSES = 1000
 
-class Perturbation:
-    """A perturbation along a run: free motion between events, and a jump at every event."""
 
-    def __init__(self, space: ModalSpace, laws: ContactLaws | None) -> None:
-        self._space = space
-        self._laws = laws
-        self._frequency = np.sqrt(np.where(space.stiffness > 0, space.stiffness, 1.0))
-        # All modes have the same energy and different phases. The perturbation is the same in every run.
-        phase = 2.0 * np.pi * np.modf(np.arange(1, space.size + 1) * 0.6180339887498949)[0]
-        amplitude = 1.0 / np.sqrt(space.size)
-        self._z = amplitude * np.cos(phase) / self._frequency
-        self._v = amplitude * np.sin(phase)
-        self.growth = 0.0
+def first_change(space: ModalSpace) -> tuple[Array, Array]:
+    """Return the change, (n,) and (n,), whose growth is computed: all modes have one energy and different phases."""
+    phase = 2.0 * np.pi * np.modf(np.arange(1, space.size + 1) * 0.6180339887498949)[0]
+    amplitude = 1.0 / np.sqrt(space.size)
+    return amplitude * np.cos(phase) / _frequency(space), amplitude * np.sin(phase)
 
-    def drift(self, spectrum: Spectrum, duration: float) -> None:
-        """Follow the free motion of a status."""
-        self._take(*drifted(spectrum, self._z[:, None], self._v[:, None], duration))
 
-    def jump(self, event: Event) -> None:
-        """Pass an event. One that is met without speed, as at a grazing, is left out."""
-        assert self._laws is not None
-        z, v = jumped(self._space, self._laws, event, self._z[:, None], self._v[:, None])
-        if np.isfinite(v).all():
-            self._take(z, v)
+def _frequency(space: ModalSpace) -> Array:
+    return np.sqrt(np.where(space.stiffness > 0, space.stiffness, 1.0))
 
-    def _take(self, z: Array, v: Array) -> None:
-        self._z, self._v = np.ascontiguousarray(z[:, 0]), np.ascontiguousarray(v[:, 0])
-        self._renormalise()
 
-    def bounce(self, row: Array, restitution: float, rate: float, push: tuple[Array, Array]) -> None:
-        """Pass an impact on a rigid stop; see `tangent.bounced`."""
-        v = bounced(self._z, self._v, row, restitution, rate, push)
-        self._z, self._v = struck(row, restitution, self._z), v
-        self._renormalise()
+def growth_along(solution: Any) -> Array:
+    """Return the decimal logarithm of the size of a change at the ends of segments, shape (n_segments + 1,).
 
-    def follow(self, statuses: Statuses, record: Record, index: int, growth: Array) -> int:
-        """Follow segments in compiled code until a status has no slot.
+    `solution`: an `EventSolution`.
+    An event that is met without speed, as at a grazing, is left out.
+    """
+    record, space = solution.record, solution.space
+    table = _free_table(solution) if solution.bounces is None else None
+    growth, index, frequency = np.zeros(record.segments + 1), 0, _frequency(space)
+    z, v = (part[:, None] for part in first_change(space))
+    while index < record.segments:
+        if table is not None:
+            z, v = np.ascontiguousarray(z[:, 0]), np.ascontiguousarray(v[:, 0])
+            done = _follow(table, solution, index, z, v, growth)
+            z, v = z[:, None], v[:, None]
+            if done > index:
+                index = done
+                continue
+        z, v = drifted(solution.spectrum(index), z, v, record.durations[index])
+        events = solution.passage(index)
+        if events is not None:
+            moved = events.passed(z, v)
+            z, v = moved if np.isfinite(moved[1]).all() else (z, v)
+        index += 1
+        size = float(np.hypot(np.linalg.norm(v), np.linalg.norm(frequency * z[:, 0])))
+        growth[index] = growth[index - 1] + (np.log10(size) if size > 0.0 else 0.0)
+        z, v = (z / size, v / size) if size > 0.0 else (z, v)
+    return growth
 
-        `statuses`: those of the record under loads of any one kind, those without pinned contacts and without groups.
-        `index`: the first segment.
-        `growth` (shape (n_segments + 1,)): growth at the ends of segments; filled.
-        Returns `index`: the first segment that was not treated.
-        """
-        rows, none = self._space.contacts, np.zeros(0)
-        force, damping = none, none
-        if self._laws is not None:
-            force = np.where(self._laws.jump, self._laws.stiffness * self._laws.gap, 0.0)
-            damping = np.array(self._laws.damping, dtype=float)
-        growth[index] = self.growth
-        z, v = np.array(self._z), np.array(self._v)
-        done = _travel(
-            statuses.table, statuses.slots[:, 0].copy(), np.array(record.statuses), record.status_numbers,
-            record.durations, record.buffers.velocity, np.array(rows), force, damping, self._frequency, index, z, v,
-            growth,
-        )  # fmt: skip
-        self._z, self._v, self.growth = z, v, float(growth[done])
-        return int(done)
 
-    def _renormalise(self) -> None:
-        scaled = self._frequency * self._z
-        size = math.sqrt(float(self._v @ self._v + scaled @ scaled))
-        if size > 0.0:
-            self.growth += math.log10(size)
-            self._z, self._v = self._z / size, self._v / size
+def _free_table(solution: Any) -> Statuses | None:
+    """Return the statuses of a run without pinned contacts and groups, for compiled code; None where there are none."""
+    statuses = solution.record.statuses
+    if not compiled() or len(statuses) > _MOST_STATUSES:
+        return None
+    held = Statuses(1)
+    for number, status in enumerate(statuses):
+        if not np.any(status == PINNED):
+            regime = solution.regime(status, 0)
+            if regime.blocks.group is None:
+                held.enter(regime, number, 0)
+    held.make_room(len(statuses))
+    return held if len(held.table) else None
+
+
+def _follow(table: Statuses, solution: Any, index: int, z: Array, v: Array, growth: Array) -> int:
+    """Follow segments from one on in compiled code, until a status has no slot; return the first one not treated."""
+    record, laws, none = solution.record, solution.system.contacts, np.zeros(0)
+    force, damping = none, none
+    if laws is not None:
+        force, damping = np.where(laws.jump, laws.stiffness * laws.gap, 0.0), np.array(laws.damping, dtype=float)
+    return int(
+        _travel(
+            table.table, table.slots[:, 0].copy(), np.array(record.statuses), record.status_numbers, record.durations,
+            record.buffers.velocity, np.array(solution.space.contacts), force, damping, _frequency(solution.space),
+            index, z, v, growth,
+        )
+    )  # fmt: skip
 
 
 @jit
@@ -113,7 +109,7 @@ def _travel(
     table: Status, slots: Status, statuses: Status, numbers: Status, durations: Array, velocity: Array, rows: Array,
     force: Array, damping: Array, frequency: Array, index: int, z: Array, v: Array, growth: Array,
 ) -> int:  # fmt: skip
-    """Do what `Perturbation.drift` and `Perturbation.jump` do, for many segments; return the first one not treated."""
+    """Do what `growth_along` does, for many segments without pinned contacts; return the first one not treated."""
     n, segments = z.size, numbers.size
     both, change = np.empty((3, 2 * n)), np.empty(n)
     while index < segments:

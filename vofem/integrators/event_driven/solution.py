@@ -27,10 +27,9 @@ from vofem.integrators.event_driven.pinned import may_pin, should_pin
 from vofem.integrators.event_driven.record import Record
 from vofem.integrators.event_driven.regime import Motion, Regime, Regimes, drift_of, flat, start_motion
 from vofem.integrators.event_driven.segment import Segments
-from vofem.integrators.event_driven.sensitivity import Perturbation
+from vofem.integrators.event_driven.sensitivity import growth_along
 from vofem.integrators.event_driven.spectrum import Spectrum
-from vofem.integrators.event_driven.table import Statuses
-from vofem.integrators.event_driven.tangent import Event, acceleration
+from vofem.integrators.event_driven.tangent import Passage, bounce, passage
 from vofem.integrators.observer import interruption
 from vofem.integrators.registry import advice
 from vofem.integrators.unclosed import never_closed, open_throughout
@@ -43,9 +42,6 @@ F = TypeVar("F", bound=Callable[..., Any])
 #: Terms of a contact's coordinate over its size, from which on it is a difference of large numbers.
 _CANCELLING = 8.0
 Status = NDArray[np.int64]
-
-#: Largest number of statuses for which the growth of a perturbation is computed in compiled code.
-_MOST_STATUSES = 1000
 
 #: With fewer events the growth of perturbations is computed only on request, because it would cost more than it is
 #: worth.
@@ -121,7 +117,7 @@ class EventSolution:
         # Gap functions at the end of the last segment, before an event there.
         self.gaps_now: Array | None = None
         self._initial = np.empty(0, dtype=np.int64)
-        self._bounces: tuple[tuple[int, int], Bounces] | None = None
+        self._bounces: tuple[tuple[int, int], Bounces, dict[int, int]] | None = None
         self.load_functions, self.load_vectors = gathered(system.loads, space.loads)
         self.moving = None if system.contacts is None else system.contacts.moving
         if self.moving is not None:
@@ -245,7 +241,9 @@ class EventSolution:
             return None
         if self._bounces is None or self._bounces[0] != (self.record.events, self.record.segments):
             found = bounces_of(laws, self.space.contacts, self.record, self.events)
-            self._bounces = (self.record.events, self.record.segments), found
+            hard = np.flatnonzero(self.events.status[found.event] == CLOSED).tolist()
+            begun = {int(found.segment[k]): k for k in hard}
+            self._bounces = (self.record.events, self.record.segments), found, begun
         return self._bounces[1]
 
     def begin_at(self, status: Status, displacement: Array, touching: int | None = None) -> None:
@@ -609,65 +607,32 @@ class EventSolution:
     @_evaluation
     def sensitivity(self) -> Sensitivity:
         """Growth of a perturbation along the run, in closed form."""
-        laws = self.system.contacts
-        record, traveller = self.record, Perturbation(self.space, laws)
-        growth = np.zeros(record.segments + 1)
-        bounced, index = self.hard_bounces, 0
-        table = self._free_table() if self.bounces is None else None
-        while index < record.segments:
-            done = index if table is None else traveller.follow(table, record, index, growth)
-            if done > index:
-                index = done
-                continue
-            status = record.status(index)
-            traveller.drift(self.linear.spectra[status], record.durations[index])
-            if index + 1 < record.segments:
-                after = record.status(index + 1)
-                if index + 1 in bounced:
-                    traveller.bounce(*self.impact(bounced[index + 1]))
-                elif not np.array_equal(after, status):
-                    load = self.load(float(record.starts[index + 1]))
-                    traveller.jump(Event(status, after, *record.state(index + 1), load))
-            index += 1
-            growth[index] = traveller.growth
-        return Sensitivity(np.append(self.segment_starts, self.t_end), growth)
+        return Sensitivity(np.append(self.segment_starts, self.t_end), growth_along(self))
 
     @property
     def hard_bounces(self) -> dict[int, int]:
         """Numbers of the bounces off rigid stops that do not end at rest there, by the segments that they begin."""
-        if self.bounces is None:
-            return {}
-        hard = np.flatnonzero(self.events.status[self.bounces.event] == CLOSED)
-        return {int(self.bounces.segment[k]): int(k) for k in hard}
+        return {} if self.bounces is None or self._bounces is None else self._bounces[2]
 
-    def impact(self, k: int) -> tuple[Array, float, float, tuple[Array, Array]]:
-        """Return row, restitution, speed of approach, and accelerations before and after an impact on a rigid stop."""
-        bounces, laws, record = self.bounces, self.system.contacts, self.record
-        assert bounces is not None
-        assert laws is not None
-        segment, j = int(bounces.segment[k]), int(bounces.contact[k])
-        load = self.load(float(record.starts[segment]))
-        before, after = (
-            acceleration(self.space, laws, record.status(index), *record.state(index), load)
-            for index in (segment - 1, segment)
-        )
-        return self.space.contacts[j], float(laws.restitution[j]), float(bounces.approach[k]), (before, after)
+    def passage(self, index: int, end: tuple[Status, Array, Array] | None = None) -> Passage | None:
+        """Return what the events at the end of a segment do to small changes, None where nothing happens there.
 
-    def _free_table(self) -> Statuses | None:
-        """Return the statuses of the record in which a perturbation can be followed in compiled code, None where none.
-
-        These are the ones without pinned contacts and groups.
+        `end`: contact status and modal state, each (n,), at the end of the last segment; events there count with it.
         """
-        if not compiled() or len(self.record.statuses) > _MOST_STATUSES:
+        laws, record, bounces = self.system.contacts, self.record, self.bounces
+        if laws is None or (index + 1 == record.segments and end is None):
             return None
-        held = Statuses(1)
-        for number, status in enumerate(self.record.statuses):
-            if not np.any(status == PINNED):
-                regime = self.regime(status, 0)
-                if regime.blocks.group is None:
-                    held.enter(regime, number, 0)
-        held.make_room(len(self.record.statuses))
-        return held if len(held.table) else None
+        before, t = record.status(index), float(record.starts[index] + record.durations[index])
+        if index + 1 < record.segments:
+            t, end = float(record.starts[index + 1]), (record.status(index + 1), *record.state(index + 1))
+        assert end is not None
+        after, displacement, velocity = end
+        if bounces is not None and index + 1 in self.hard_bounces:
+            j, velocity = int(bounces.contact[self.hard_bounces[index + 1]]), record.state(index)[1]
+            return bounce(self.space, laws, j, (before, after), displacement, velocity, self.load(t))
+        if np.array_equal(before, after):
+            return None
+        return passage(self.space, laws, before, after, displacement, velocity, self.load(t))
 
     @property
     def start_energy(self) -> float:

@@ -1,105 +1,68 @@
-"""Perturbations along an event-driven run, exactly: free motion between events, saltation matrices at events.
+"""Small changes of a motion, exactly: free motion between events, and one linear map at every event.
 
-A perturbed run meets an event at another time. To first order the state after
-it is that of the matrix ``S = D + (f_after - D f_before) g'/(g' f_before)``
-with g the gradient of the event function, f the rates of the state on both
-sides, and D the derivative of what the event itself does to the state: the
-identity, or the projection by which a contact is pinned.
+A changed motion meets an event at another time. With the gradient c of the function that reaches zero, its rate r, and
+the rates of the state just before and after, the state at a fixed time changes there to
 
-R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical
-Systems, Springer 2004, doi:10.1007/978-3-540-44398-8.
+    S (z, v) = P (z, v) + (f_after - P f_before) c z / r,
+
+where P is what the event itself does to the state: nothing where a contact closes or opens, the projection by which a
+contact is pinned, and Newton's law of impact at a rigid stop. Runs take the growth of changes from this, flows their
+derivatives, and derivatives by parameters both directions through a run, forward and backward.
+
+R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer 2004,
+doi:10.1007/978-3-540-44398-8.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
-from vofem.integrators.event_driven.bounces import struck
 from vofem.integrators.event_driven.modal_space import ModalSpace
-from vofem.integrators.event_driven.pieces import turned
+from vofem.integrators.event_driven.pieces import turned, turns
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.linalg.exponential import matrix_change
-from vofem.system import CLOSED, OPEN, PINNED, ContactLaws
+from vofem.system import CLOSED, PINNED, ContactLaws
 
 Status = NDArray[np.int64]
 
 
-#: A perturbation that has shrunk to this share of its first size is left out. The share is the square of a tenth of
-#: rounding.
-_NOTHING = 1e-33
+class Passage(NamedTuple):
+    """What events at one time do to small changes of a modal state at a fixed time, each (n, p).
 
+        z' = z - share (held z + off),    v' = v - share (held v + slow) + kick (rows z + meets)
 
-class Event(NamedTuple):
-    """The data of an event that determine how perturbations change in it."""
-
-    #: `before`, `after`: contact status, shape (n_contacts,).
-    before: Status
-    after: Status
-    #: `displacement`, `velocity`: modal state before it, shape (n,).
-    displacement: Array
-    velocity: Array
-    load: Array  #: Modal load, shape (n,).
-
-
-class Tangent:
-    """Some perturbations of a modal state, as columns.
-
-    Perturbations that have decayed to nothing, such as those of fast damped modes, are no longer computed.
-
-    `displacement`, `velocity` (shape (n, k)): perturbations at the beginning.
-    `z`, `v` (shape (n, number of columns)): the perturbations that are left.
-    `columns`: numbers of these perturbations.
+    `off`, `slow` and `meets` are what gap functions and their rates change by at a fixed state: zero unless the system
+    itself changes.
     """
 
-    def __init__(self, space: ModalSpace, laws: ContactLaws | None, displacement: Array, velocity: Array) -> None:
-        self._space, self._laws = space, laws
-        self.z, self.v = displacement, velocity
-        self.columns = np.arange(displacement.shape[1])
-        self._first_sizes = self._sizes()
+    contacts: list[int]  #: The contacts whose gap functions reach zero.
+    rows: Array  #: Their modal rows, shape (k, n).
+    rates: Array  #: Rates of their gap functions before, m/s, shape (k,).
+    kick: Array  #: By which velocities change for each m of a gap function, 1/s, shape (n, k).
+    restrained: list[int]  #: The contacts that are pinned from here on, or the rigid stop that is hit.
+    held: Array  #: Their modal rows, shape (h, n).
+    share: Array  #: What removes their displacements and velocities, or turns these around, shape (n, h).
 
-    @property
-    def matrix(self) -> Array:
-        """All perturbations, displacements above velocities, shape (2n, k)."""
-        n = self.z.shape[0]
-        whole = np.zeros((2 * n, self._first_sizes.size))
-        whole[:n, self.columns], whole[n:, self.columns] = self.z, self.v
-        return whole
+    def passed(self, z: Array, v: Array, *, off: Any = 0.0, slow: Any = 0.0, meets: Any = 0.0) -> tuple[Array, Array]:
+        """Return the changes after the events."""
+        kicked = v - self.share @ (self.held @ v + slow) + self.kick @ (self.rows @ z + meets)
+        return z - self.share @ (self.held @ z + off), kicked
 
-    def _sizes(self) -> Array:
-        """Return the largest entry of every remaining column."""
-        return np.asarray(np.maximum(np.abs(self.z).max(axis=0, initial=0.0), np.abs(self.v).max(axis=0, initial=0.0)))
-
-    def _drop_what_has_decayed(self) -> None:
-        # A column that is not finite stays.
-        left = ~(self._sizes() <= _NOTHING * self._first_sizes[self.columns])
-        if not left.all():
-            self.z, self.v = np.ascontiguousarray(self.z[:, left]), np.ascontiguousarray(self.v[:, left])
-            self.columns = self.columns[left]
-
-    def drift(self, spectrum: Spectrum, duration: float) -> None:
-        """Follow the free motion of a status for a duration in s."""
-        self.z, self.v = drifted(spectrum, self.z, self.v, duration)
-        self._drop_what_has_decayed()
-
-    def jump(self, event: Event) -> None:
-        """Apply the jump of an event."""
-        assert self._laws is not None
-        self.z, self.v = jumped(self._space, self._laws, event, self.z, self.v)
-
-    def bounce(self, row: Array, restitution: float, rate: float, push: tuple[Array, Array]) -> None:
-        """Pass an impact on a rigid stop; see `bounced`."""
-        v = bounced(self.z, self.v, row, restitution, rate, push)
-        self.z, self.v = struck(row, restitution, self.z), v
+    def back(self, z: Array, v: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """Return the transposed map of weights (n,) of the changes after it: those of z, v, off, slow and meets."""
+        off, slow, meets = -self.share.T @ z, -self.share.T @ v, self.kick.T @ v
+        return z + self.held.T @ off + self.rows.T @ meets, v + self.held.T @ slow, off, slow, meets
 
 
 def drifted(spectrum: Spectrum, z: Array, v: Array, duration: float) -> tuple[Array, Array]:
-    """Return perturbations, each (n, k), after a duration in s of the free motion of a status."""
+    """Return changes, each (n, k), after a duration in s of the free motion of a status."""
     z, v = spectrum.to_blocks(z, v, shifted=False)
-    after_z, after_v = turned(spectrum.delta, spectrum.p, duration, z, v)
+    delta, p = spectrum.delta, spectrum.p
+    after_z, after_v = turned(delta, p, *turns(delta, p, duration), z, v)
     for cluster in () if spectrum.blocks is None else spectrum.blocks.clusters:
         k = cluster.member
         both = np.concatenate([z[k], v[k]])
@@ -108,66 +71,69 @@ def drifted(spectrum: Spectrum, z: Array, v: Array, duration: float) -> tuple[Ar
     return spectrum.to_modes(after_z, after_v, shifted=False)
 
 
-def jumped(space: ModalSpace, laws: ContactLaws, event: Event, z: Array, v: Array) -> tuple[Array, Array]:
-    """Return perturbations, each (n, k), after an event. Contacts that switch together are treated one by one."""
-    now = event.before.copy()
-    for j in np.flatnonzero(event.before != event.after).tolist():
-        old, new = now[j], event.after[j]
-        following = now.copy()
-        following[j] = new
-        if new == PINNED:
-            z, v = _pinned(space, laws, event, (now, following), j, z, v)
-        elif old != PINNED:
-            v = _switched(space, laws, event, now, j, -1.0 if (old, new) == (OPEN, CLOSED) else 1.0, z, v)
-        # A pinned contact is released as its reaction reaches the force of the status that follows: nothing jumps.
-        now = following
-    return z, v
+def switch_factors(laws: ContactLaws, contacts: Any, closing: Any, rates: Array | float) -> Array:
+    """Return the jumps of the forces of contacts that close or open, over the rates of their gap functions, N s/m."""
+    jump = np.where(laws.jump, laws.stiffness * laws.gap, 0.0)[contacts]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        force = laws.damping[contacts] + np.where(jump > 0.0, jump / rates, 0.0)
+    return np.where(closing, -force, force)
 
 
-def _switched(
-    space: ModalSpace, laws: ContactLaws, event: Event, now: Status, contact: int, sign: float, z: Array, v: Array
-) -> Array:
-    """Return velocities after a closing (sign -1) or an opening (sign 1): the force jumps, with it the acceleration."""
-    row = space.contacts[contact]
-    force, rate = laws.damping[contact], float(row @ event.velocity)
-    if laws.jump[contact] and laws.gap[contact] > 0.0:
-        force = force + laws.stiffness[contact] * laws.gap[contact] / rate if rate != 0.0 else np.inf
-    if force == 0.0:
-        return v
-    direction = row - _onto(space.contacts[now == PINNED], row)
-    return v + sign * force * np.outer(direction, row @ z)
+def shares(rows: Array) -> Array:
+    """Return what removes the parts along some rows (h, n): ``v - shares (rows v)`` has none. Shape (n, h)."""
+    return np.asarray(np.linalg.solve(rows @ rows.T, rows).T, dtype=float)
 
 
-def _pinned(
-    space: ModalSpace, laws: ContactLaws, event: Event, statuses: tuple[Status, Status], contact: int, z: Array,
-    v: Array,
-) -> tuple[Array, Array]:  # fmt: skip
-    """Return perturbations after the event by which a contact comes to rest at its gap."""
-    (now, following), row = statuses, space.contacts[contact]
-    rows = space.contacts[following == PINNED]
-    velocity, along, rate = event.velocity - _onto(rows, event.velocity), row @ z, float(row @ event.velocity)
-    z, v = z - _onto(rows, z), v - _onto(rows, v)
-    if rate != 0.0:
-        before, after = (
-            acceleration(space, laws, status, event.displacement, speed, event.load)
-            for status, speed in ((now, event.velocity), (following, velocity))
-        )
-        # The displacement is continuous, and so are its rates along the surface.
-        v = v + np.outer(before - _onto(rows, before) - after, -along / rate)
-    return z, v
+def passage(
+    space: ModalSpace, laws: ContactLaws, before: Status, after: Status, displacement: Array, velocity: Array,
+    load: Array,
+) -> Passage | None:  # fmt: skip
+    """Return what switches and pinning do to changes; None where no force jumps and nothing is pinned.
 
-
-def bounced(z: Array, v: Array, row: Array, restitution: float, rate: float, push: tuple[Array, Array]) -> Array:
-    """Return the velocities of perturbations after an impact on a rigid stop, shape (n,) or (n, k).
-
-    `z`, `v` (shape (n,) or (n, k)): perturbations before.
-    `row` has shape (n,).
-    `rate`: speed of approach, m/s.
-    `push`: modal accelerations before and after, each (n,).
+    `before`, `after`: contact status, shape (n_contacts,).
+    `displacement`, `velocity`, `load`: modal state before the events, and modal load there, each (n,).
     """
-    before, after = push
-    change = struck(row, restitution, before) - after
-    return np.asarray(struck(row, restitution, v) - np.multiply.outer(change, row @ z / rate))
+    contacts, now = space.contacts, np.flatnonzero(after == PINNED)
+    # A pinned contact is released as its reaction reaches the force of the status that follows: nothing jumps.
+    met = np.flatnonzero((before != after) & (before != PINNED))
+    pins = after[met] == PINNED
+    rows, rates = contacts[met], contacts[met] @ velocity
+    factors = np.where(pins, 0.0, switch_factors(laws, met, after[met] == CLOSED, rates))
+    direction = rows - _onto(contacts[before == PINNED], rows.T).T
+    kick = np.where(factors == 0.0, 0.0, direction.T * factors)
+    if not pins.any():
+        none = np.zeros((0, space.size))
+        return Passage(met.tolist(), rows, rates, kick, [], none, none.T) if met.size else None
+    held = contacts[now]
+    share = shares(held)
+    kick = kick - share @ (held @ kick)
+    stopped = velocity - share @ (held @ velocity)
+    first, later = (
+        acceleration(space, laws, status, displacement, speed, load)
+        for status, speed in ((before, velocity), (after, stopped))
+    )
+    # The displacement is continuous, and so are its rates along the surface.
+    change = first - share @ (held @ first) - later
+    for k in np.flatnonzero(pins & (rates != 0.0)).tolist():
+        kick[:, k] = -change / rates[k]
+    return Passage(met.tolist(), rows, rates, kick, now.tolist(), held, share)
+
+
+def bounce(
+    space: ModalSpace, laws: ContactLaws, contact: int, statuses: tuple[Status, Status], displacement: Array,
+    velocity: Array, load: Array,
+) -> Passage:  # fmt: skip
+    """Return what an impact on a rigid stop does to changes, given the statuses before and after; see `passage`."""
+    row = space.contacts[[contact]]
+    share = (1.0 + laws.restitution[contact]) * row.T / (row[0] @ row[0])
+    rates = row @ velocity
+    first, later = (
+        acceleration(space, laws, status, displacement, speed, load)
+        for status, speed in zip(statuses, (velocity, velocity - share @ rates), strict=True)
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        kick = (later - first + share @ (row @ first))[:, None] / rates
+    return Passage([contact], row, rates, kick, [contact], row, share)
 
 
 def acceleration(

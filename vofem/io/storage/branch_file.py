@@ -26,7 +26,7 @@ from vofem.parameters.place import Book
 from vofem.scene import Scene
 from vofem.studies.steady import Branch, BranchCounters, Locus, PeriodicOrbit, SpecialPoint
 from vofem.studies.steady.branch import Orbits
-from vofem.studies.steady.condensed import condensed, condensed_result
+from vofem.studies.steady.condensed import condensed
 from vofem.studies.steady.family import Family, problem_of
 from vofem.studies.steady.follow import Follower
 from vofem.studies.steady.harmonic_balance import harmonics_in
@@ -163,7 +163,7 @@ def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicO
             if truncation is None:
                 return orbit_result(scene(), start, duration)
             few = condensed(scene().model.system, unknowns.size // 2, None)
-            return condensed_result(scene(), few, start, duration, truncation.error)
+            return orbit_result(scene(), start, duration, few, truncation.error)
 
         @cache
         def motion() -> Any:
@@ -291,7 +291,7 @@ class _Loaded:
         family.begin_with(problem, value)
         ends = [problem.from_orbit(orbit) for orbit in (before, after)]
         guess = ends[0] + share * (ends[1] - ends[0])
-        walker = Follower(family, Interval(float(self._values.min()), float(self._values.max())), BranchCounters())
+        walker = Follower(family, Interval(float(self._values.min()), float(self._values.max())))
         for start in (guess, *ends):
             try:
                 point = walker.begin(start, value)

@@ -22,7 +22,8 @@ from vofem.fractional import TabulatedOrder
 from vofem.initial import StoredState
 from vofem.io.scenes.schema import BODIES, EFFECTS
 from vofem.io.storage.recorded import RecordedLoad, Recorder, Recording, is_plain, name_of
-from vofem.laws import ScalarLaw, past_of
+from vofem.laws import past_of
+from vofem.laws.law import FORCE, STORED
 from vofem.parameters import values_of
 from vofem.parameters.declared import table_name
 from vofem.polynomial import Polynomial
@@ -69,11 +70,11 @@ def _use(scene: Scene, q: Array, times: Array) -> None:
     for load in system.loads:
         load.function(np.unique(times))
     for group in system.laws:
-        for index, law in enumerate(getattr(group, "laws", ())):
-            if isinstance(law, ScalarLaw):
+        for index, law in enumerate(() if group.linear else group.forms):
+            if law.in_python:
                 for u in np.unique((group.rows @ q)[index]).tolist():
-                    law.reaction(u)
-                    law.energy(u)
+                    for what in (FORCE, STORED):
+                        law.function(what, law.parameters, law.past, u, u)
 
 
 def restored_scene(record: Mapping[str, Any], scene: Scene | None, call: str, file: str) -> Scene:

@@ -211,20 +211,16 @@ class _Search:
     def settled(self, found: dict[float, Array], kind: _Level) -> tuple[_Search, dict[float, Array]]:
         """Return the oscillations in so many vectors that twice as many change them little."""
         search = self
-        while found and search.few is not None:
-            more = search.few.more()
-            finer_system = None if more is None else reduced(search.few.full, more)
-            if finer_system is None:
-                break
-            finer, better, change = _Search(finer_system.system, self.work, finer_system), {}, 0.0
+        for few in () if self.few is None or not found else self.few.doubled():
+            finer, better, change = _Search(few.system, self.work, few), {}, 0.0
             for level, one in found.items():
                 state = search.state(one[:-1])
-                in_finer = modal_state(finer.system, finer.space, finer_system.project(state))[0]
+                in_finer = modal_state(finer.system, finer.space, few.project(state))[0]
                 try:
                     better[level] = finer.solved(np.append(in_finer, one[-1]), kind, level)
                 except ConvergenceError:
                     return search, found
-                apart = search.few.change(state, finer.state(better[level][:-1]))
+                apart = few.change(state, finer.state(better[level][:-1]))
                 change = max(change, apart, abs(better[level][-1] / one[-1] - 1.0))
             search.change = change
             if change <= GOOD:
@@ -306,13 +302,15 @@ class _Search:
         towards = now - track[-2][1] if len(track) > 1 else now * np.append(np.ones(self.space.size), 0.0)
         scales = np.append(np.full(now.size - 1, np.linalg.norm(now[:-1])), now[-1])
         family: Any = _Levels(self, kind)
-        walker = _Walk(family, Interval(0.0, level), BranchCounters(), most=most, noun="backbone")
+        walker = _Walk(family, Interval(0.0, level), most=most, noun="backbone")
         here = kind.of(self, now[:-1])[0]
         first = walker.point(_RestChart(), np.append(now, here), np.append(towards / scales, 0.0))
-        points = walker.follow(first, _SHORT).points
-        if points[-1].value != level:
-            raise _not_reached(points, kind, level, walker.track.notes[-1])
-        return self.solved(points[-1].y[:-1], kind, level)
+        walker.follow(first, _SHORT)
+        if walker.interrupted:
+            raise KeyboardInterrupt
+        if walker.points[-1].value != level:
+            raise _not_reached(walker.points, kind, level, walker.notes[-1])
+        return self.solved(walker.points[-1].y[:-1], kind, level)
 
     def solved(self, guess: Array, kind: _Level, level: float) -> Array:
         """Return the oscillation at a level near a guess: displacement at rest and half the period, shape (n + 1,)."""
@@ -340,7 +338,7 @@ class _Search:
             raise ConvergenceError(str(error)) from error
         assert one.monodromy is not None
         _, speed = one.sizes
-        slopes = np.concatenate([one.monodromy[n:], one.rate(at_start=False)[n:, None]], axis=1) / speed
+        slopes = np.concatenate([one.monodromy[n:], one.rate[n:, None]], axis=1) / speed
         self._latest = y.copy(), (one.velocity / speed, slopes)
         return self._latest[1]
 
@@ -413,6 +411,7 @@ class _Levels:
 
     search: _Search
     kind: _Level
+    what: ClassVar[str] = "backbone"
 
     @property
     def work(self) -> Work:
@@ -439,12 +438,9 @@ def _far(a: Array, b: Array) -> bool:
 class _Walk(Follower):
     """Follows a backbone, on which no special points are searched."""
 
-    def located(self, step: Step) -> list[SpecialPoint]:
+    def located(self, step: Step, earlier: Step | None) -> list[SpecialPoint]:
         """Return nothing."""
         return []
-
-    def _look_between(self, earlier: Step, step: Step, base: int) -> None:
-        """Search nothing."""
 
 
 def _not_reached(points: list[Point], kind: _Level, level: float, why: str) -> ConvergenceError:

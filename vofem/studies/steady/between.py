@@ -63,7 +63,7 @@ def between(
     values = [point.y / scales for point in (first, first, last, last, *(known[other] for other in near))]
     slopes = [point.tangent * point.scales / scales for point in (first, last)]
     slopes = [slope * step.length / max(float(slope @ normal), 0.1) for slope in slopes]
-    guess = _interpolated(places, values, slopes, share)
+    guess = interpolated(places, values, slopes, share)
     # The orbit is found on the plane at this share.
     guess = guess + normal * (normal @ (values[0] + share * step.secant - guess))
     by_value = (1.0 - share) * first.by_value + share * last.by_value
@@ -80,7 +80,7 @@ def between(
     return corrected(*common, by_value, 16, tolerance, improve=False)
 
 
-def _interpolated(places: list[float], values: list[Array], slopes: list[Array], at: float) -> Array:
+def interpolated(places: list[float], values: list[Array], slopes: list[Array], at: float) -> Array:
     """Return the polynomial through values at places, of which the first and second pair have a slope, by Newton."""
     differences, total, factor = list(values), values[0].copy(), 1.0
     for order in range(1, len(places)):

@@ -101,7 +101,23 @@ class Orbits(Sequence[PeriodicOrbit]):
 
 
 class Curve(Saved):
-    """A curve of orbits that files hold and that notebooks show."""
+    """A curve of orbits that files hold and that notebooks show; see `Branch` and `Locus` for its attributes."""
+
+    def __init__(
+        self,
+        special: Sequence[SpecialPoint],
+        counters: BranchCounters,
+        *,
+        notes: Sequence[str] = (),
+        interrupted: bool = False,
+    ) -> None:
+        self.special, self.counters = list(special), counters
+        self.notes, self.interrupted = list(notes), interrupted
+
+    def _kinds(self) -> str:
+        """Return how many special points of each kind there are."""
+        kinds = [point.kind for point in self.special]
+        return ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "nothing special"
 
     def _writer(self) -> Callable[..., Path]:
         # Late, because studies know no file format.
@@ -142,23 +158,16 @@ class Branch(Curve):
         interrupted: bool = False,
         source: Source | None = None,
     ) -> None:
+        super().__init__(special, counters, notes=notes, interrupted=interrupted)
         self.values = np.asarray(values, dtype=float)
-        self.orbits = orbits
-        self.special = list(special)
-        self.counters = counters
-        self.notes = list(notes)
-        self.periods = periods
-        self.interrupted = interrupted
-        self._source = source
+        self.orbits, self.periods, self._source = orbits, periods, source
 
     def __len__(self) -> int:
         return len(self.orbits)
 
     def __repr__(self) -> str:
-        kinds = [point.kind for point in self.special]
-        shown = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
         span = f"{self.values.min():.6g} to {self.values.max():.6g}" if self.values.size else "empty"
-        return f"Branch({len(self)} orbits, {span}; {shown or 'nothing special'})"
+        return f"Branch({len(self)} orbits, {span}; {self._kinds()})"
 
     @property
     def stable(self) -> NDArray[np.object_]:

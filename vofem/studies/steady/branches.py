@@ -11,8 +11,7 @@ from vofem.doubtful import undamped
 from vofem.errors import ArgumentError
 from vofem.progress import Progress
 from vofem.scene import Scene
-from vofem.studies.steady.branch import Branch, BranchCounters
-from vofem.studies.steady.branch_progress import branch_progress
+from vofem.studies.steady.branch import Branch
 from vofem.studies.steady.family import METHODS, Family
 from vofem.studies.steady.follow import LARGEST, Follower
 from vofem.studies.steady.point import Interval
@@ -97,10 +96,7 @@ def continuation(
     problem = family.at(start)
     problem, found, notes = first_orbit("continuation", problem, guess)
     family.begin_with(problem, start)
-    counters = BranchCounters(search_flows=family.work.flows)
-    walker = Follower(family, interval, counters, largest=max_step, most=max_points, seconds=max_seconds)
-    with branch_progress(interval, progress) as report:
-        track = walker.follow(walker.begin(found.unknowns, start), report=report)
-    counters.eigensolves = family.work.runs.eigensolves
-    track.notes[:0] = [*notes, *undamped(problem.scene.model.system)]
-    return branch_of(track, family, walker)
+    walker = Follower(family, interval, largest=max_step, most=max_points, seconds=max_seconds)
+    walker.notes += [*notes, *undamped(problem.scene.model.system)]
+    walker.follow(walker.begin(found.unknowns, start), progress=progress)
+    return branch_of(walker)

@@ -11,6 +11,7 @@ one is included for each load.
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -95,10 +96,12 @@ class Condensed:
         moved = np.flatnonzero(np.abs(few - many) > _CONVERGED * many)
         return float(np.sqrt(many[moved[0]] if moved.size else many[-1]))
 
-    def more(self) -> int | None:
-        """Return twice as many vectors; None where these are too many."""
+    def doubled(self) -> Iterator[Condensed]:
+        """Yield the system in twice as many vectors, and again in twice as many, until these are too many."""
         count = 2 * self.vectors.shape[1]
-        return count if count <= min(_MOST, self.full.size // 2) else None
+        while count <= min(_MOST, self.full.size // 2):
+            yield condensed(self.full, count, None)
+            count *= 2
 
     def change(self, one: State, other: State) -> float:
         """Return the relative difference of two states, displacements and velocities each in the mean over the mass."""

@@ -37,6 +37,9 @@ from vofem.studies.steady.point import TOLERANCE, Interval, Point, derivative_by
 from vofem.studies.steady.shorter import at_flip, repeats
 from vofem.studies.steady.special import SpecialPoint, special_at
 
+#: Kind, on the way, of the point at which a branch ends on orbits that repeat earlier.
+SHORTER = "shorter"
+
 #: A share of a step and the value of a test there.
 _Place = tuple[float, float]
 
@@ -101,7 +104,7 @@ def crossings(family: Family, step: Step, interval: Interval) -> list[SpecialPoi
     if shorter is not None:
         at = root(family, step, interval, shorter)
         if at is not None:
-            return [special_at("shorter", at_flip(family, at[0], interval), at[1])]
+            return [special_at(SHORTER, at_flip(family, at[0], interval), at[1])]
     return _found(family, interval, step, None)
 
 

@@ -19,7 +19,7 @@ from vofem.blas import one_thread
 from vofem.errors import ArgumentError, MethodError
 from vofem.integrators.event_driven.flow import Start, flow, modal_state, modes_of
 from vofem.scene import Scene, as_scene
-from vofem.studies.steady.condensed import Condensed, condensed, reduced, slowest_decay
+from vofem.studies.steady.condensed import Condensed, reduced, slowest_decay
 from vofem.studies.steady.loads import load_period
 from vofem.studies.steady.shooting import shooting_refusal
 from vofem.system import Counters, State, System
@@ -104,15 +104,16 @@ def lyapunov(scene: Scene, t_end: float, *, count: int = 1, skip: float = 0.0) -
     found = _exponents(scene, system if few is None else few.system, few, times, count, skip)
     if few is None:
         return LyapunovExponents(*found, t_end, skip)
-    change, more = np.inf, few.more()
-    while more is not None and change > 1.0:
-        finer = condensed(system, more, None)
+    change = np.inf
+    for finer in few.doubled():
         after = _exponents(scene, finer.system, finer, times, count, skip)
         with np.errstate(invalid="ignore"):
             apart = np.nan_to_num(np.abs(after[0] - found[0]), nan=0.0)
         # Two runs of a chaotic motion differ by their statistical errors.
         change = float(np.max(apart / (after[1] + found[1] + _ALIKE * np.abs(after[0]) + _ALIKE / t_end)))
-        few, found, more = finer, after, finer.more()
+        few, found = finer, after
+        if change <= 1.0:
+            break
     lowest = few.lowest_left_out
     note = (
         f"{few.vectors.shape[1]} vectors, static responses and the lowest modes, stand for {system.size} degrees of "

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
-from vofem.studies.steady.between import Step
+from vofem.integrators.observer import deferred_interrupts
+from vofem.progress import Progress, TerminalBar
+from vofem.studies.steady.between import Step, interpolated
 from vofem.studies.steady.branch import BranchCounters
-from vofem.studies.steady.crossings import crossings, hidden
+from vofem.studies.steady.crossings import SHORTER, crossings, hidden
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.near import signature_at
 from vofem.studies.steady.point import ORIGIN, Interval, Point, corrected, derivative_by_value, tangent_at
@@ -52,41 +55,34 @@ _LOOP = 12
 _AGAIN = 1e-2
 
 
-@dataclass
-class Track:
-    """The part of a branch that has been followed."""
-
-    points: list[Point] = field(default_factory=list)
-    #: The steps from each point to the next; None if both are one orbit in other coordinates.
-    steps: list[Step | None] = field(default_factory=list)
-    special: list[SpecialPoint] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    interrupted: bool = False  #: Whether Ctrl-C was pressed.
-
-
 class Follower:
-    """Follows a branch.
+    """Follows a branch, and holds what has been followed of it.
 
     `largest`: step.
     `most`: points.
     `seconds`: time after which the walk ends.
     `noun`: what is followed, for notes.
+    `steps`: the steps from each point to the next; None if both are one orbit in other coordinates.
     """
 
     def __init__(
         self,
         family: Family,
         interval: Interval,
-        counters: BranchCounters,
         *,
         largest: float = LARGEST,
         most: int = 5000,
         seconds: float | None = None,
         noun: str = "branch",
     ) -> None:
-        self.family, self.interval, self.counters = family, interval, counters
+        self.family, self.interval = family, interval
         self.largest, self.most, self.seconds, self.noun = largest, most, seconds, noun
-        self.track = Track()
+        self.points: list[Point] = []
+        self.steps: list[Step | None] = []
+        self.special: list[SpecialPoint] = []
+        self.notes: list[str] = []
+        self.interrupted = False
+        self.counters = BranchCounters(search_flows=family.work.flows)
         self._flows_counted = family.work.flows
         self._over = False
         self._leaving_another = False
@@ -103,9 +99,18 @@ class Follower:
 
     # -- points ---------------------------------------------------------------------------------------
 
-    def located(self, step: Step) -> list[SpecialPoint]:
-        """Return the special points of a step, except grazings."""
-        return crossings(self.family, step, self.interval)
+    def located(self, step: Step, earlier: Step | None) -> list[SpecialPoint]:
+        """Return the special points of a step except grazings, and those that are seen now in the step before it.
+
+        The places of the latter are negative.
+        """
+        found = [] if self._leaving_another else crossings(self.family, step, self.interval)
+        if earlier is None or any(one.kind == SHORTER for one in found):
+            return found
+        base = len(self.points) - 1
+        known = [{one.kind for one in self.special if base - 1.0 <= one.place < base}, {one.kind for one in found}]
+        before, after = hidden(self.family, self.interval, (earlier, step), (known[0], known[1]))
+        return [*found, *(replace(one, place=one.place - 1.0) for one in before), *after]
 
     def point(self, chart: Any, y: Array, towards: Array, evaluation: Any = None) -> Point:
         """Return a point with its tangent on the side of a direction in scaled coordinates."""
@@ -125,54 +130,49 @@ class Follower:
 
     # -- the walk -------------------------------------------------------------------------------------
 
-    def follow(
-        self,
-        first: Point,
-        step: float = FIRST,
-        report: Callable[[float], bool] | None = None,
-        *,
-        leaving: bool = False,
-    ) -> Track:
+    def follow(self, first: Point, step: float = FIRST, progress: Progress = False, *, leaving: bool = False) -> None:
         """Follow the branch from a point until it leaves the interval.
 
         If `leaving` is true, the branch begins at a special point of another branch. This point is not marked again.
         """
-        track = self.track
-        track.points.append(first)
+        self.points.append(first)
         self._count("flows")
         self._leaving_another = leaving
-        now, step = first, min(step, self.largest)
+        with branch_progress(self.interval, progress, self.family.what) as report:
+            self._walk(first, min(step, self.largest), report)
+        self.special.sort(key=lambda mark: mark.place)
+        self.counters.points, self.counters.check_flows = len(self.points), self.family.work.checks
+        self.counters.eigensolves = self.family.work.runs.eigensolves
+
+    def _walk(self, now: Point, step: float, report: Callable[[float], bool]) -> None:
+        """Follow the branch from a point."""
         begun = time.monotonic()
         while not self._over:
-            if len(track.points) >= self.most:
-                track.notes.append(f"the {self.noun} was followed for {self.most} points; raise max_points to go on")
-                break
+            if len(self.points) >= self.most:
+                self.notes.append(f"the {self.noun} was followed for {self.most} points; raise max_points to go on")
+                return
             if self.seconds is not None and time.monotonic() - begun > self.seconds:
-                track.notes.append(
+                self.notes.append(
                     f"the limit of {self.seconds:g} s was reached at {now.value:.9g}; raise max_seconds to go on"
                 )
-                break
-            if report is not None and report(now.value):
-                track.interrupted = True
-                track.notes.append(f"interrupted at {now.value:.9g}: what was found until then is here")
-                break
+                return
+            if report(now.value):
+                self.interrupted = True
+                self.notes.append(f"interrupted at {now.value:.9g}: what was found until then is here")
+                return
             after = self._advanced(now, step)
             if after is None:
                 self._count("rejected_flows")
                 step *= _SHRINK
                 if step < LEAST:
-                    track.notes.append(self._lost(now))
-                    break
+                    self.notes.append(self._lost(now))
+                    return
                 continue
             now, step = after
-        else:
-            # What comes after the branch, such as pictures, is to hear of it too.
-            if report is not None and report(now.value):
-                track.interrupted = True
-                track.notes.append(f"interrupted at {now.value:.9g}, the end of the {self.noun}")
-        self.counters.points = len(track.points)
-        track.special.sort(key=lambda mark: mark.place)
-        return track
+        # What comes after the branch, such as pictures, is to hear of it too.
+        if report(now.value):
+            self.interrupted = True
+            self.notes.append(f"interrupted at {now.value:.9g}, the end of the {self.noun}")
 
     def _lost(self, now: Point) -> str:
         """Return what is known about the place where no further orbit was found."""
@@ -187,7 +187,7 @@ class Follower:
     def _advanced(self, now: Point, step: float) -> tuple[Point, float] | None:
         """Return the next point and step, or None where the step was too long."""
         chart = now.chart
-        guess = now.y + (step * now.tangent + 0.5 * step**2 * self._bend(now)) * now.scales
+        guess = self._predicted(now, step)
         try:
             y, evaluation, by_value = self._corrected(now, guess, step)
             after = self._accepted(now, y, evaluation, by_value, step)
@@ -240,14 +240,14 @@ class Follower:
                 return last, step
         laws = last.problem.system.contacts
         assert laws is not None
-        place = float(len(self.track.points) - 1)
+        place = float(len(self.points) - 1)
         elastic = len(laws) - len(last.problem.given.sliders or ())
         for contact in passed.grazed:
             kind = "grazing" if contact < elastic else "sticking"
-            self.track.special.append(special_at(kind, passed.at, place, laws.names[contact]))
+            self.special.append(special_at(kind, passed.at, place, laws.names[contact]))
         if passed.after is None:
             names = " and ".join(dict.fromkeys(repr(laws.names[contact]) for contact in passed.grazed))
-            self.track.notes.append(
+            self.notes.append(
                 f"the {self.noun} ends at {passed.at.value:.12g}, where one orbit grazes {names} several times. With "
                 "rigid stops, orbits that touch at one of them or at all may begin there: follow those that you want "
                 "from a value beyond, with guess="
@@ -271,21 +271,32 @@ class Follower:
         towards = towards / scales
         return self.point(chart, y, towards / np.linalg.norm(towards), evaluation)
 
-    def _bend(self, now: Point) -> Array:
-        """Return the change of the tangent along the branch, from the step that led to a point; zero without one."""
-        before = self.track.steps[-1] if self.track.steps else None
+    def _earlier(self, now: Point) -> tuple[Array, Array, float] | None:
+        """Return the point before the last one, its tangent, both in scaled coordinates, and its distance."""
+        before = self.steps[-1] if self.steps else None
         if before is None or before.last is not now:
-            return np.zeros_like(now.tangent)
-        length = float(np.linalg.norm((now.y - before.first.y) / now.scales))
+            return None
+        place = before.first.y / now.scales
         tangent = before.first.tangent * before.first.scales / now.scales
-        change = now.tangent - tangent / np.linalg.norm(tangent)
-        return np.asarray(change / length) if length > 0.0 else np.zeros_like(change)
+        length = float(np.linalg.norm(now.y / now.scales - place))
+        return (place, tangent / np.linalg.norm(tangent), length) if length > 0.0 else None
+
+    def _predicted(self, now: Point, step: float) -> Array:
+        """Return the next point: on the cubic through the last two points with their tangents, or on the tangent."""
+        earlier, here = self._earlier(now), now.y / now.scales
+        if earlier is None:
+            return (here + step * now.tangent) * now.scales
+        place, tangent, length = earlier
+        known = [-length, -length, 0.0, 0.0], [place, place, here, here], [tangent, now.tangent]
+        return interpolated(*known, step) * now.scales
 
     def _corrected(self, now: Point, guess: Array, step: float) -> tuple[Array, Any, Array]:
         """Return the orbit near a guess; where that fails, from states at the switches that are predicted too."""
         # A problem at a known value costs nothing, so the value is held where no fold is near.
-        slope = now.tangent[-1]
-        held = isinstance(now.chart, Signature) and abs(slope) > max(_FOLD * step * abs(self._bend(now)[-1]), _LEVEL)
+        slope, earlier, bend = now.tangent[-1], self._earlier(now), 0.0
+        if earlier is not None:
+            bend = (slope - earlier[1][-1]) / earlier[2]
+        held = isinstance(now.chart, Signature) and abs(slope) > max(_FOLD * step * abs(bend), _LEVEL)
         normal = np.append(np.zeros(guess.size - 1), np.sign(slope)) if held else now.tangent
         common = self.family, now.chart, guess, now.scales, normal, now.by_value
         try:
@@ -298,7 +309,7 @@ class Follower:
 
     def _ahead(self, now: Point, step: float) -> Array | None:
         """Return approximate states at the switches of the next orbit, from the last two orbits."""
-        before = self.track.steps[-1] if self.track.steps else None
+        before = self.steps[-1] if self.steps else None
         nodes: Array | None = now.chart.nodes(now.evaluation)
         if nodes is None or before is None or before.last is not now:
             return nodes
@@ -336,65 +347,45 @@ class Follower:
 
     def _take(self, step: Step | None, point: Point | None = None) -> None:
         """Add a point to the branch, and the special points on the way to it."""
-        track = self.track
         after = point if step is None else step.last
         assert after is not None
         self._count("flows")
-        base = len(track.points) - 1
+        base = len(self.points) - 1
         if step is not None:
-            found = [] if self._leaving_another else self.located(step)
-            for crossing in found:
-                self._mark(crossing, step, base)
+            earlier = self.steps[-1] if base > self._begun else None
+            same = earlier is not None and earlier.first.chart is step.first.chart
+            for special in self.located(step, earlier if same else None):
+                self._mark(special, base)
                 if self._over:
                     break
-            earlier = track.steps[-1] if track.steps else None
-            if (
-                earlier is not None
-                and not self._over
-                and base > self._begun
-                and earlier.first.chart is step.first.chart
-            ):
-                self._look_between(earlier, step, base)
             if self._leaving_another:
                 # The special point at which the branch begins is near its first step.
                 self._begun, self._leaving_another = base + 1, False
             self._count("refinement_flows")
         if not self._over:
-            track.points.append(after)
-            track.steps.append(step)
+            self.points.append(after)
+            self.steps.append(step)
 
-    def _look_between(self, earlier: Step, step: Step, base: int) -> None:
-        """Mark special points of the last two steps that undo each other."""
-        first, second = (
-            {mark.kind for mark in self.track.special if place <= mark.place < place + 1.0}
-            for place in (base - 1.0, float(base))
-        )
-        before, after = hidden(self.family, self.interval, (earlier, step), (first, second))
-        for crossing in before:
-            self._mark(crossing, earlier, base - 1)
-        for crossing in after:
-            self._mark(crossing, step, base)
-
-    def _mark(self, special: SpecialPoint, step: Step, base: int) -> None:
+    def _mark(self, special: SpecialPoint, base: int) -> None:
         """Add a special point. A branch over several periods ends where its orbits repeat earlier."""
         kind, at = special.kind, special.point
         problem = at.problem
-        if kind == "shorter":
+        if kind == SHORTER:
             shortest = problem.shortest_period(at.unknowns(), at.evaluation)
             kind = "period_doubling" if shortest * 2 == problem.periods else "branch_point"
             self._over = True
-            self.track.points.append(at)
-            self.track.steps.append(None)
+            self.points.append(at)
+            self.steps.append(None)
             times = "period" if shortest == 1 else "periods"
-            self.track.notes.append(
+            self.notes.append(
                 f"the branch ends at {at.value:.12g} on orbits over {shortest} {times} of the loads; beyond are the "
                 "same orbits, later by whole periods"
             )
-        self.track.special.append(replace(special, kind=kind, place=base + special.place))
+        self.special.append(replace(special, kind=kind, place=base + special.place))
 
     def _closed(self, now: Point, after: Point) -> bool:
         """Return whether the branch has come back to its first point, as it began; then it is over."""
-        points = self.track.points
+        points = self.points
         if len(points) < _LOOP:
             return False
         own = now.chart.scales(now.problem, now.evaluation)[: now.problem.size]
@@ -415,10 +406,8 @@ class Follower:
         self._over = True
         # The points beyond the first orbit are the beginning of the branch again.
         last = len(points) - 2 + share - _AGAIN
-        self.track.special[:] = [mark for mark in self.track.special if mark.place < last]
-        self.track.notes.append(
-            f"the {self.noun} is closed: it has come back to its first orbit at {points[0].value:.12g}"
-        )
+        self.special[:] = [mark for mark in self.special if mark.place < last]
+        self.notes.append(f"the {self.noun} is closed: it has come back to its first orbit at {points[0].value:.12g}")
         return True
 
     def _last(self, now: Point, after: Point, end: float) -> tuple[Point, float] | None:
@@ -437,14 +426,32 @@ class Follower:
             return None
         self._take(Step(now, last))
         self._over = True
-        values = [point.value for point in self.track.points]
+        values = [point.value for point in self.points]
         if end == self.interval.start and len(values) > 1:
             farthest = max(values, key=lambda value: abs(value - end))
-            self.track.notes.append(
+            self.notes.append(
                 f"the {self.noun} turned near {farthest:.12g} and left the interval through its own start, at "
                 f"{end:.12g}"
             )
         return last, 0.0
+
+
+@contextlib.contextmanager
+def branch_progress(interval: Interval, progress: Progress, what: str) -> Iterator[Callable[[float], bool]]:
+    """Give a function that shows the parameter's value reached and returns whether Ctrl-C was pressed."""
+    label = what, "the value reached and stop"
+    counting = "{task.completed:.4g} of {task.total:.4g} along the interval"
+    farthest = 0.0
+    with TerminalBar(label, progress, interval.size, counting) as bar, deferred_interrupts() as interrupted:
+
+        def report(value: float) -> bool:
+            nonlocal farthest
+            # A branch goes back and forth: the bar shows the farthest value.
+            farthest = max(farthest, min(abs(value - interval.start), interval.size))
+            bar.update(farthest, report=(value, interval.stop))
+            return interrupted()
+
+        yield report
 
 
 def point_at(family: Family, interval: Interval, chart: Any, y: Array, towards: Array, evaluation: Any = None) -> Point:

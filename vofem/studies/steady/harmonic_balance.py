@@ -39,9 +39,9 @@ from vofem.studies.steady.condensed import slowest_decay
 from vofem.studies.steady.harmonic_solution import HarmonicMotion, harmonic_result
 from vofem.studies.steady.law_path import PASSES, LawPaths, nonlinear_groups
 from vofem.studies.steady.linear_rest import FULL, Attached, LinearRest, linear_laws
-from vofem.studies.steady.loads import LoadPeriod, load_period, load_series
+from vofem.studies.steady.loads import load_series
 from vofem.studies.steady.orbit import DECIDED, OrbitTruncation, PeriodicOrbit
-from vofem.studies.steady.problem import Work
+from vofem.studies.steady.problem import OrbitProblem, Work
 from vofem.studies.steady.trigonometric import basis, to_complex, to_real
 from vofem.studies.steady.variation import monodromy, with_rates
 from vofem.system import System, refuse_travelling
@@ -58,11 +58,8 @@ _MARGIN = 1.3
 #: Periods of a transient, and its steps in a period, which are simulated if harmonic balance needs a better start.
 _TRANSIENT, _STEPS = 60, 200
 
-#: Relative difference of harmonics below which an orbit repeats before its end.
-_REPEATS = 1e-7
-
 #: Share of the largest modulus above which the change of a multiplier is looked at, and the factor from it to a bound.
-_LEADING, _SAFETY = 0.5, 3.0
+_LEADING, _SAFETY = 0.5, 6.0
 
 #: Smallest step on the way from the linear response to the laws' full strength, and iterations of one.
 _SMALLEST, _TRIES = 1.0 / 16.0, 12
@@ -98,21 +95,13 @@ class HarmonicEvaluation:
         return self.change()
 
 
-class HarmonicBalance:
-    """Periodic orbits of a scene as solutions of the balance of harmonics; an `OrbitProblem`.
+class HarmonicBalance(OrbitProblem):
+    """Periodic orbits of a scene as solutions of the balance of harmonics.
 
-    `what`: name of the function whose argument the scene is, for messages.
-    `period`: period of the loads in s.
     `harmonics`: number of harmonics of the orbit beyond the mean. The default is 25 for each period of the loads.
     `earlier`: a problem at another value of a parameter.
-    `work`: counters to which the work is added.
-    `scene`, `periods`: as above.
     `size`: number of unknowns: laws times 2 H + 1.
-    `scales` has shape (size,).
     """
-
-    tolerance = 1e-13
-    parameters: tuple[float, ...] = ()
 
     def __init__(
         self,
@@ -125,14 +114,12 @@ class HarmonicBalance:
         earlier: HarmonicBalance | None = None,
         work: Work | None = None,
     ) -> None:
-        self._what, self.scene, self.periods = what, scene, periods
         self.system = system = treated(what, scene.model.system)
         self.groups = nonlinear_groups(system)
         if harmonics is None:
             harmonics = HARMONICS * periods if earlier is None else earlier.harmonics
         self.harmonics: int = whole(f"{what}: harmonics", harmonics)
-        self.loads: LoadPeriod = load_period(what, system, period)
-        self.work = Work() if work is None else work
+        super().__init__(what, scene, system, periods, period, work)
         self.reach = (1 + _BEYOND) * self.harmonics
         self.omega = self.loads.omega / periods
         self.laws = LawPaths(self.groups)
@@ -420,16 +407,12 @@ class HarmonicBalance:
         tangents = with_rates(tangents, self.rest, self.law_modes, self.omega, known)
         return eigenvalues(monodromy(self.rest, self.law_modes, tangents, self.omega, self.harmonics))
 
-    def shortest_period(self, unknowns: Array, evaluation: HarmonicEvaluation) -> int:
-        """Return after how many periods of the loads a solution first repeats: `periods` or a divisor of it."""
+    def change_after(self, count: int, unknowns: Array, evaluation: Any) -> float:
+        """Return the largest harmonic that does not repeat after so many periods of the loads, over the largest one."""
         coefficients = np.abs(to_complex(unknowns.reshape(self.laws.size, 2 * self.harmonics + 1).T))
-        for count in range(1, self.periods):
-            if self.periods % count:
-                continue
-            other = np.arange(coefficients.shape[0]) % (self.periods // count) != 0
-            if np.all(coefficients[other] <= _REPEATS * coefficients.max(initial=0.0)):
-                return count
-        return self.periods
+        other = np.arange(coefficients.shape[0]) % (self.periods // count) != 0
+        size = float(coefficients.max(initial=0.0))
+        return float(coefficients[other].max(initial=0.0)) / size if size > 0.0 else 0.0
 
 
 class _Weaker:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from vofem.arrays import Array, Complex
 from vofem.errors import ArgumentError, ConvergenceError, SingularSystemError
 from vofem.integrators.event_driven.flow import modes_of
-from vofem.integrators.reduction import holding, two_solutions
-from vofem.linalg.ritz import RitzBasis
-from vofem.system import Counters, System
+from vofem.integrators.event_driven.modal_space import modal_space
+from vofem.integrators.reduction import Reduction
+from vofem.system import Counters, State, System
 
 #: Number of degrees of freedom up to which all modes are used.
 FULL = 200
@@ -102,19 +102,22 @@ class LinearRest:
 
     def _reduce(self, inputs: Array, largest: Array, counters: Counters) -> None:
         """Double the number of Ritz vectors until responses at all frequencies no longer change."""
-        system = self.system
-        solve, _ = two_solutions(system, holding(system))
-        counters.factorizations += 1
+        structure = replace(self.system, laws=(), loads=())
         rows = [row for row in inputs if np.any(row)]
         rows += [row for part in self._attached for row in np.asarray(part.rows.toarray())]
-        basis = RitzBasis(system.mass, solve, system.rigid, rows or [system.mass @ np.ones(system.size)], [])
+        nothing = np.zeros(structure.size)
+        reduction = Reduction(structure, State(nothing, nothing), more=rows)
+        counters.factorizations += 1
         sampled = np.unique(np.concatenate([[largest.min(), largest.max()], np.quantile(largest, [0.25, 0.5, 0.75])]))
         before: Complex | None = None
         count = max(_FIRST, 4 * len(rows))
         while True:
-            vectors = basis.grow(count)
-            self._in_ritz_vectors(vectors, basis.rigid, counters)
-            now = self._transfer(vectors, inputs, sampled)
+            small, _, vectors = reduction.to(count)
+            space = modal_space(small, counters)
+            self._take(vectors @ space.shapes, space.stiffness, space.damping)
+            self._couple(space.coupling)
+            # Responses to all inputs in Ritz vectors, shape (n_frequencies, m, n_inputs).
+            now = np.asarray(space.shapes @ self.response(sampled, (inputs @ self.vectors).T))
             if before is not None:
                 self.error = _largest_change(before, now)
                 if self.error <= _CHANGE:
@@ -132,37 +135,6 @@ class LinearRest:
                 f"({sampled.max() / (2.0 * np.pi):.4g} Hz) uncertain by {self.error:.1e} of itself: the frequency is "
                 "too high for so many degrees of freedom. Ask for lower frequencies or fewer harmonics"
             )
-
-    def _in_ritz_vectors(self, vectors: Array, rigid: int, counters: Counters) -> None:
-        system = self.system
-        if system.strain is not None:
-            strain = np.asarray(system.strain @ vectors)
-            strain[:, :rigid] = 0.0
-            _, values, turn = np.linalg.svd(np.linalg.qr(strain, mode="r"))
-            squares = np.zeros(vectors.shape[1])
-            squares[: values.size] = values**2
-            order = np.argsort(squares, kind="stable")
-            squares, shapes = squares[order], turn.T[:, order]
-        else:
-            reduced = vectors.T @ (system.stiffness @ vectors)
-            reduced[:rigid], reduced[:, :rigid] = 0.0, 0.0
-            squares, shapes = np.linalg.eigh(0.5 * (reduced + reduced.T))
-        squares[:rigid] = 0.0
-        counters.eigensolves += 1
-        damping = np.zeros(squares.size)
-        if system.rayleigh is not None:
-            damping += system.rayleigh[0] + system.rayleigh[1] * squares
-        if system.modal_damping is not None:
-            damping += system.modal_rates(squares)
-        self._ritz = shapes
-        self._take(vectors @ shapes, squares, damping)
-        coupling = None if system.damping is None else self.vectors.T @ (system.damping @ self.vectors)
-        self._couple(coupling)
-
-    def _transfer(self, vectors: Array, inputs: Array, omegas: Array) -> Complex:
-        """Return responses to all inputs in Ritz vectors, shape (n_frequencies, m, n_inputs)."""
-        forces = (inputs @ self.vectors).T
-        return np.asarray(self._ritz @ self.response(omegas, forces))
 
     def with_attached(self, part: Attached) -> LinearRest:
         """Return the same structure with further linear laws."""

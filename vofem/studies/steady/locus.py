@@ -16,7 +16,6 @@ from vofem.progress import Progress
 from vofem.scene import Scene
 from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import BranchCounters, Curve
-from vofem.studies.steady.branch_progress import branch_progress
 from vofem.studies.steady.census import Test, kind_of, multipliers, pairs_at_one, real_at, turning
 from vofem.studies.steady.crossings import root
 from vofem.studies.steady.extended import Extended
@@ -90,22 +89,17 @@ class Locus(Curve):
         notes: Sequence[str] = (),
         interrupted: bool = False,
     ) -> None:
+        super().__init__(special, counters, notes=notes, interrupted=interrupted)
         self.values = np.asarray(values, dtype=float).reshape(-1, 2)
         self.kind, self.contact = kind, contact
-        self.special = list(special)
-        self.counters = counters
-        self.notes = list(notes)
-        self.interrupted = interrupted
 
     def __len__(self) -> int:
         return len(self.values)
 
     def __repr__(self) -> str:
-        kinds = [point.kind for point in self.special]
-        shown = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
         low, high = self.values.min(axis=0), self.values.max(axis=0)
         spans = f"value {low[0]:.6g} to {high[0]:.6g}, other {low[1]:.6g} to {high[1]:.6g}"
-        return f"Locus({self.kind}, {len(self)} points, {spans}; {shown or 'nothing special'})"
+        return f"Locus({self.kind}, {len(self)} points, {spans}; {self._kinds()})"
 
 
 @one_thread
@@ -181,16 +175,8 @@ def locus(
         )
     interval = Interval(start, stop)
     family, first = _begin(build, special, interval)
-    counters = BranchCounters()
-    walker = _Walk(
-        family,
-        interval,
-        counters,
-        largest=max_step,
-        most=max_points,
-        seconds=max_seconds,
-        noun=f"locus of {special.kind}",
-    )
+    noun = f"locus of {special.kind}"
+    walker = _Walk(family, interval, largest=max_step, most=max_points, seconds=max_seconds, noun=noun)
     first = walker.directed(first)
     if special.kind == "branch_point" and abs(first.tangent[-3]) > _UNFOLDS:
         raise ArgumentError(
@@ -198,18 +184,15 @@ def locus(
             "other parameter the branches no longer meet, because the scenes are not symmetric. Follow a fold beside "
             "it, or change a parameter that leaves the scene symmetric"
         )
-    with branch_progress(interval, progress, "locus") as report:
-        track = walker.follow(first, report=report)
-    counters.points, counters.check_flows = len(track.points), family.work.checks
-    counters.eigensolves = family.work.runs.eigensolves
-    rows = [(float(place), point) for place, point in enumerate(track.points)]
-    rows += [(one.place, one.point) for one in track.special]
+    walker.follow(first, progress=progress)
+    rows = [(float(place), point) for place, point in enumerate(walker.points)]
+    rows += [(one.place, one.point) for one in walker.special]
     rows.sort(key=lambda row: row[0])
     values = np.array([point.y[-2:] for _, point in rows])
     distinct = np.append(True, np.any(np.diff(values, axis=0) != 0.0, axis=1))
     return Locus(
-        values[distinct], special.kind, track.special, counters,
-        contact=special.contact, notes=track.notes, interrupted=track.interrupted,
+        values[distinct], special.kind, walker.special, walker.counters,
+        contact=special.contact, notes=walker.notes, interrupted=walker.interrupted,
     )  # fmt: skip
 
 
@@ -222,8 +205,8 @@ class _Walk(Follower):
         towards[-1] = 1.0 if self.interval.stop > self.interval.start else -1.0
         return self.point(first.chart, first.y, towards, first.evaluation)
 
-    def located(self, step: Step) -> list[SpecialPoint]:
-        """Return the points of a step at which the locus is special."""
+    def located(self, step: Step, earlier: Step | None) -> list[SpecialPoint]:
+        """Return the points of a step at which the locus is special. It shows its own turns."""
         kind, middle = step.first.chart.kind, step.first
         tests: list[tuple[str, Test]] = []
         if kind == "fold":
@@ -256,7 +239,7 @@ class _Walk(Follower):
         """Add a point, unless it is none of a locus of its kind."""
         after = point if step is None else step.last
         assert after is not None
-        first = self.track.points[0]
+        first = self.points[0]
         if isinstance(after.problem, Shooting) and after.problem.loads.omega < _SLOWEST * first.problem.loads.omega:
             self._end(after, "where the period of the loads grows without bound")
         elif after.chart.kind == "branch_point" and abs(after.y[-3]) > _UNFOLDED:
@@ -266,19 +249,16 @@ class _Walk(Follower):
 
     def _end(self, point: Point, why: str) -> None:
         self._over = True
-        self.track.notes.append(f"the {self.noun} ends before ({point.y[-2]:.9g}, {point.value:.9g}), {why}")
+        self.notes.append(f"the {self.noun} ends before ({point.y[-2]:.9g}, {point.value:.9g}), {why}")
 
-    def _look_between(self, earlier: Step, step: Step, base: int) -> None:
-        """Search nothing: the curve shows its own turns."""
-
-    def _mark(self, special: SpecialPoint, step: Step, base: int) -> None:
+    def _mark(self, special: SpecialPoint, base: int) -> None:
         """Add a special point. Where both multipliers of a pair meet, the locus ends."""
         at = special.point
-        self.track.special.append(replace(special, place=base + special.place))
+        self.special.append(replace(special, place=base + special.place))
         if at.chart.kind == _PAIR and abs(np.sin(at.y[-3])) < _MEET:
             self._over = True
             where = "1" if np.cos(at.y[-3]) > 0.0 else "-1"
-            self.track.notes.append(
+            self.notes.append(
                 f"the locus ends at ({at.y[-2]:.12g}, {at.value:.12g}), where both multipliers of the pair are {where}"
             )
 

@@ -9,6 +9,7 @@ depend on it in any way.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -17,8 +18,9 @@ from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.scene import Scene
+from vofem.studies.steady.loads import LoadPeriod, load_period
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.system import Counters
+from vofem.system import Counters, System
 
 
 @dataclass
@@ -29,6 +31,10 @@ class Work:
     flows: int = 0
     checks: int = 0  #: Flows over orbits that are known, with which these are checked.
     runs: Counters = field(default_factory=Counters)  #: Work of these evaluations.
+
+
+#: Relative change of a solution below which it repeats before its end.
+_REPEATS = 1e-7
 
 
 class Evaluation(Protocol):
@@ -65,25 +71,48 @@ class Equations(Protocol):
         """
 
 
-class OrbitProblem(Protocol):
-    """Periodic orbits of one scene as roots of equations: those of harmonics, or those of a `Signature`."""
+class OrbitProblem(ABC):
+    """Periodic orbits of one scene as roots of equations: those of harmonics, or those of a `Signature`.
 
-    scene: Scene
-    periods: int  #: Number of periods of the loads after which an orbit repeats.
+    `what`: name of the function whose argument the scene is, for messages.
+    `system`: that of the scene, as the method takes it.
+    `periods`: number of periods of the loads after which an orbit repeats.
+    `period`: period of the loads in s; by default their common one.
+    `work`: counters to which the work is added.
+    """
+
+    tolerance = 1e-13
     size: int  #: Number n of unknowns.
     #: Positive sizes by which unknowns are divided before they are compared with each other; they need to be right up
     #: to a common factor. A problem without unknowns of different kinds gives ones. Shape (n,).
     scales: Array
-    parameters: tuple[float, ...]  #: Values of the parameters at which the problem was built along a branch.
+    parameters: tuple[float, ...] = ()  #: Values of the parameters at which the problem was built along a branch.
 
+    def __init__(
+        self, what: str, scene: Scene, system: System, periods: int, period: float | None, work: Work | None
+    ) -> None:
+        self._what, self.scene, self.periods, self._period = what, scene, periods, period
+        self.loads: LoadPeriod = load_period(what, system, period)
+        self.work = Work() if work is None else work
+
+    @abstractmethod
     def from_rest(self) -> Array:
         """Return a first guess of the unknowns without a known orbit, shape (n,)."""
 
+    @abstractmethod
     def from_orbit(self, orbit: Any) -> Array:
         """Return the unknowns of a `PeriodicOrbit` or of the last period of a `Result`, of any method, shape (n,)."""
 
+    @abstractmethod
     def orbit(self, unknowns: Array, evaluation: Any) -> PeriodicOrbit:
         """Return the orbit of a solution of the equations, from the problem's own evaluation there."""
 
+    @abstractmethod
+    def change_after(self, count: int, unknowns: Array, evaluation: Any) -> float:
+        """Return by how much a solution changes in so many periods of the loads, over the size of the motion."""
+
     def shortest_period(self, unknowns: Array, evaluation: Any) -> int:
         """Return after how many periods of the loads a solution first repeats: `periods` or a divisor of it."""
+        divisors = [count for count in range(1, self.periods) if not self.periods % count]
+        repeats = (count for count in divisors if self.change_after(count, unknowns, evaluation) <= _REPEATS)
+        return next(repeats, self.periods)

@@ -9,9 +9,9 @@ import numpy as np
 
 from vofem.arrays import Array
 from vofem.errors import ArgumentError, ConvergenceError
-from vofem.studies.steady.branch import Branch, BranchCounters, Orbits
+from vofem.studies.steady.branch import Branch, Orbits
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.follow import FIRST, Follower, Track
+from vofem.studies.steady.follow import FIRST, Follower
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.point import Point, corrected, derivative_by_value
 from vofem.studies.steady.special import SpecialPoint
@@ -23,21 +23,17 @@ _SAME, _TRIED = 1e-8, (1.0, 0.1, 1e-2, 1e-3)
 _DIFFERENCE = 1e-4
 
 
-def branch_of(track: Track, family: Family, walker: Follower) -> Branch:
+def branch_of(walker: Follower) -> Branch:
     """Return a branch that has been followed."""
-    source = Sheets(track, family, walker)
-    walker.counters.points = len(track.points)
-    walker.counters.check_flows = family.work.checks
-    walker.counters.eigensolves = family.work.runs.eigensolves
     return Branch(
-        np.array([point.value for point in track.points]),
-        Orbits([point.orbit for point in track.points]),
-        track.special,
+        np.array([point.value for point in walker.points]),
+        Orbits([point.orbit for point in walker.points]),
+        walker.special,
         walker.counters,
-        notes=track.notes,
-        periods=family.periods,
-        interrupted=track.interrupted,
-        source=source,
+        notes=walker.notes,
+        periods=walker.family.periods,
+        interrupted=walker.interrupted,
+        source=Sheets(walker),
     )
 
 
@@ -47,8 +43,8 @@ class Sheets:
     `walker`: the follower of the branch.
     """
 
-    def __init__(self, track: Track, family: Family, walker: Follower) -> None:
-        self.track, self.family, self.walker = track, family, walker
+    def __init__(self, walker: Follower) -> None:
+        self.walker, self.family = walker, walker.family
 
     def at(self, value: float) -> list[PeriodicOrbit]:
         """Return all orbits at a value of the parameter, one for each part of the branch between folds."""
@@ -67,10 +63,10 @@ class Sheets:
     def _with_turns(self) -> list[tuple[Point, Point]]:
         """Return neighbours on the branch, folds among them, so that the value is monotone from one to the next."""
         parts: list[tuple[Point, Point]] = []
-        for k, step in enumerate(self.track.steps):
+        for k, step in enumerate(self.walker.steps):
             if step is None:
                 continue
-            turns = [one.point for one in self.track.special if one.turns and k < one.place < k + 1]
+            turns = [one.point for one in self.walker.special if one.turns and k < one.place < k + 1]
             chain = [step.first, *turns, step.last]
             parts += list(itertools.pairwise(chain))
         return parts
@@ -98,13 +94,13 @@ class Sheets:
 
     def switch(self, special: SpecialPoint) -> Branch:
         """Return the branch that leaves at a special point."""
-        same = [one for one in self.track.special if one.kind == special.kind and one.value == special.value]
+        same = [one for one in self.walker.special if one.kind == special.kind and one.value == special.value]
         if not same:
             raise ArgumentError("switch: the special point is not one of this branch; take it from branch.special")
         special = special if any(one is special for one in same) else same[0]
         point: Point = special.point
         doubles = special.kind == "period_doubling" and point.problem.periods == self.family.periods
-        if special.kind == "period_doubling" and point is self.track.points[-1]:
+        if special.kind == "period_doubling" and point is self.walker.points[-1]:
             raise ArgumentError(
                 "switch: the branch ends at this point, on orbits over fewer periods; follow those with "
                 f"vofem.continuation(..., periods={self.family.periods // 2})"
@@ -114,18 +110,14 @@ class Sheets:
         direction = self._direction(family, start, special, doubles)
         last: ConvergenceError | None = None
         for factor in _TRIED:
-            counters = BranchCounters()
-            walker = Follower(
-                family, self.walker.interval, counters, largest=self.walker.largest, most=self.walker.most
-            )
+            walker = Follower(family, self.walker.interval, largest=self.walker.largest, most=self.walker.most)
             try:
-                leaving = replace(start, tangent=direction)
-                track = walker.follow(leaving, FIRST * factor, leaving=True)
+                walker.follow(replace(start, tangent=direction), FIRST * factor, leaving=True)
             except ConvergenceError as error:
                 last = error
                 continue
-            if len(track.points) > 1:
-                return branch_of(track, family, walker)
+            if len(walker.points) > 1:
+                return branch_of(walker)
         raise ConvergenceError(
             f"switch: no orbit was found beside the {special.kind} at {special.value:.12g}"
             + (f": {last}" if last else "")
@@ -150,7 +142,7 @@ class Sheets:
             matrix = start.evaluation.jacobian * start.scales[:n]
             norms = np.linalg.norm(matrix, axis=1)
             return np.append(np.linalg.svd(matrix / np.where(norms > 0.0, norms, 1.0)[:, None])[2][-1], 0.0)
-        step = self.track.steps[int(special.place)] if int(special.place) < len(self.track.steps) else None
+        step = self.walker.steps[int(special.place)] if int(special.place) < len(self.walker.steps) else None
         along = np.append(np.zeros(n), 1.0)
         if step is not None:
             along = (step.last.y - step.first.y) / start.scales

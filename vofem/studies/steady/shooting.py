@@ -24,9 +24,8 @@ from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.plan import Plan, run_plan
 from vofem.studies.steady.condensed import Condensed, condensable, condensed, condensed_result, first_count
-from vofem.studies.steady.loads import LoadPeriod, load_period
 from vofem.studies.steady.orbit import TIMES, PeriodicOrbit
-from vofem.studies.steady.problem import Work
+from vofem.studies.steady.problem import OrbitProblem, Work
 from vofem.system import OPEN, State
 
 #: Degrees of freedom up to which all modes may be unknowns.
@@ -43,20 +42,12 @@ def relative(residual: Array, sizes: tuple[float, float]) -> float:
     return max(parts) if np.all(np.isfinite(parts)) else np.inf
 
 
-class Shooting:
-    """Periodic orbits of a scene as roots of the flow; an `OrbitProblem`.
+class Shooting(OrbitProblem):
+    """Periodic orbits of a scene as roots of the flow.
 
-    `what`: name of the function whose argument the scene is, for messages.
-    `period`: period of the loads in s.
     `earlier`: a problem whose modes define the unknowns. They are used here too if the modes are the same.
-    `work`: counters to which the work is added.
     `vectors`: number of vectors of a large system. The default is that of `earlier`, or the first number.
-    `scene`, `periods`: as above.
-    `scales` has shape (2n,).
     """
-
-    tolerance = 1e-13
-    parameters: tuple[float, ...] = ()
 
     def __init__(
         self,
@@ -69,13 +60,11 @@ class Shooting:
         work: Work | None = None,
         vectors: int | None = None,
     ) -> None:
-        self.scene, self.periods, self._what, self._period = scene, periods, what, period
         full = scene.model.system
         reason = shooting_refusal(scene)
         if reason is not None:
             raise MethodError(f"{what}: {reason}")
-        self.loads: LoadPeriod = load_period(what, full, period)
-        self.work = Work() if work is None else work
+        super().__init__(what, scene, full, periods, period, work)
         self.condensed: Condensed | None = None
         #: Relative change of the orbit by doubling the vectors, where it is known.
         self.change: float | None = None
@@ -176,10 +165,6 @@ class Shooting:
     # -- guesses --------------------------------------------------------------------------------------
 
     def from_rest(self) -> Array:
-        """Return the response with all contacts open, or the state of rest if there is none."""
-        return self.linear_response()
-
-    def linear_response(self) -> Array:
         """Return the unknowns of the periodic motion with all contacts open."""
         n = self.space.size
         status = np.full(self.space.contacts.shape[0], OPEN, dtype=np.int64)
@@ -208,7 +193,7 @@ class Shooting:
 
     # -- equations ------------------------------------------------------------------------------------
 
-    def run(self, start: Start, stop: float, *, derivative: Array | None = None, check: bool = False) -> Flow:
+    def run(self, start: Start, stop: float, *, check: bool = False) -> Flow:
         """Return a flow, counted; as a check of a known orbit where `check` is true.
 
         Raises `ConvergenceError` if contacts chatter or the motion diverges.
@@ -218,7 +203,7 @@ class Shooting:
         if not (np.all(np.isfinite(start.displacement)) and np.all(np.isfinite(start.velocity))):
             raise ConvergenceError("the iteration diverged: a state is not finite")
         try:
-            return flow(self.given, start, stop, derivative=derivative, counters=self.work.runs)
+            return flow(self.given, start, stop, counters=self.work.runs)
         except (EventStormError, ArgumentError) as error:
             # A state inside a rigid stop is refused as one of a scene is.
             raise ConvergenceError(str(error)) from error
@@ -231,44 +216,28 @@ class Shooting:
         self, unknowns: Array, evaluation: Any, decided: Callable[[], float], *, autonomous: bool = False
     ) -> PeriodicOrbit:
         """Return the orbit of a solution, whose stability is not decided within a distance from the unit circle."""
-        kept = None if self.condensed is None else self.condensed.truncation(self.duration, self.change)
+        scene, duration, few, change = self.scene, self.duration, self.condensed, self.change
+        state, kept = self.state(unknowns), None if few is None else few.truncation(duration, change)
         return PeriodicOrbit(
-            self.scene,
+            scene,
             "shooting",
             self.loads.omega,
             self.periods,
             multipliers=evaluation.multipliers,
             residual=evaluation.closing,
-            result=self.result_of(unknowns),
+            result=lambda: orbit_result(scene, state, duration, few, change),
             truncation=kept,
             notes=() if kept is None else (kept.what,),
             unknowns=np.array(unknowns),
-            start=self.state(unknowns),
+            start=state,
             decided=decided,
             motion=lambda: evaluation,
             autonomous=autonomous,
         )
 
-    def result_of(self, unknowns: Array) -> Callable[[], Result]:
-        """Return what makes the result over one orbit."""
-        scene, state, duration, few = self.scene, self.state(unknowns), self.duration, self.condensed
-        if few is None:
-            return lambda: orbit_result(scene, state, duration)
-        change = self.change
-        return lambda: condensed_result(scene, few, state, duration, change)
-
-    def shortest_period(self, unknowns: Array, evaluation: Any) -> int:
-        """Return after how many periods of the loads an orbit first repeats: `periods` or a divisor of it."""
-        for count in range(1, self.periods):
-            if self.periods % count:
-                continue
-            if relative(evaluation.change_after(count * self.loads.period), evaluation.sizes) <= _REPEATS:
-                return count
-        return self.periods
-
-
-#: Relative difference of states below which an orbit repeats before its end.
-_REPEATS = 1e-7
+    def change_after(self, count: int, unknowns: Array, evaluation: Any) -> float:
+        """Return by how much a solution changes in so many periods of the loads, over the size of the motion."""
+        return relative(evaluation.change_after(count * self.loads.period), evaluation.sizes)
 
 
 def shooting_refusal(scene: Scene) -> str | None:
@@ -301,8 +270,12 @@ def shooting_refusal(scene: Scene) -> str | None:
     return None
 
 
-def orbit_result(scene: Scene, state: State, duration: float) -> Result:
-    """Return the run of `event_driven` over one orbit at `TIMES` equal times."""
+def orbit_result(
+    scene: Scene, state: State, duration: float, few: Condensed | None = None, error: float | None = None
+) -> Result:
+    """Return the run of `event_driven` over one orbit at `TIMES` equal times, in the vectors of a large system."""
+    if few is not None:
+        return condensed_result(scene, few, state, duration, error)
     times = np.linspace(0.0, duration, TIMES)
     plan = Plan(EVENT_DRIVEN.name, duration, times, None, {"truncation": 0.0}, None, state)
     return run_plan(scene, plan, False, None, 60.0, None)

@@ -150,22 +150,21 @@ def as_guess(problem: Any, guess: Any) -> Any:
 def _with_enough_vectors(problem: Shooting, found: Solved) -> tuple[Shooting, Solved, tuple[str, ...]]:
     """Return an orbit of a large system, and notes. Vectors are added until twice as many change it little."""
     notes: tuple[str, ...] = ()
-    now = problem.condensed
-    while now is not None and problem.change is None:
-        more = now.more()
-        if more is None:
-            break
-        finer = problem.in_vectors(more)
+    if problem.condensed is None or problem.change is not None:
+        return problem, found, notes
+    for few in problem.condensed.doubled():
+        finer = problem.in_vectors(few.vectors.shape[1])
         state = problem.state(found.unknowns)
         better = orbit_near(finer, finer.from_state(state))
-        problem.change = now.change(state, finer.state(better.unknowns))
-        if problem.change > GOOD:
-            notes = (
-                f"half as many vectors give displacements that differ by {problem.change:.1e} of themselves; more are "
-                "not taken, so trust no more digits. With more damping an orbit needs fewer vectors",
-            )
-            problem, found, now = finer, better, finer.condensed
-    return problem, found, notes if problem.condensed is not None and problem.change is None else ()
+        problem.change = few.change(state, finer.state(better.unknowns))
+        if problem.change <= GOOD:
+            return problem, found, ()
+        notes = (
+            f"half as many vectors give displacements that differ by {problem.change:.1e} of themselves; more are "
+            "not taken, so trust no more digits. With more damping an orbit needs fewer vectors",
+        )
+        problem, found = finer, better
+    return problem, found, notes
 
 
 def seen_of(problem: Shooting, guess: Any) -> str:
@@ -207,7 +206,7 @@ def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
         x = after
     seen = f"after {MOST_PERIODS} periods from rest the motion still changes by {change:.2g} of itself over an orbit"
     try:
-        found = orbit_near(problem, problem.linear_response())
+        found = orbit_near(problem, problem.from_rest())
     except ConvergenceError as error:
         regular = (
             "another start, at which the motion is regular, such as one where no contact is touched"

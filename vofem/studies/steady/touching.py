@@ -10,6 +10,7 @@ import numpy as np
 
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
+from vofem.integrators.event_driven.flow import Flow
 from vofem.studies.steady.between import Step, point_between
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.point import Interval, Point, corrected, derivative_by_value, tangent_at
@@ -103,7 +104,7 @@ def passage(family: Family, interval: Interval, now: Point, after: Point) -> Pas
     if not changes:
         flow = chart.flow(after.problem, after.y[:-1])
         repeats = after.evaluation.repeats(flow)
-        changes = [] if repeats else _touching(now, after)
+        changes = [] if repeats else _touching(now, after, flow=flow)
         if not changes and not repeats:
             raise ConvergenceError(
                 f"the orbit does not repeat under an ordinary run, by {after.evaluation.closing:.1e} of the motion"
@@ -291,11 +292,12 @@ def _sticking(now: Point, after: Point, without: Sequence[int]) -> list[_Change]
     return found
 
 
-def _touching(now: Point, after: Point, rounding: float = ROUNDING) -> list[_Change]:
+def _touching(now: Point, after: Point, rounding: float = ROUNDING, flow: Flow | None = None) -> list[_Change]:
     """Return extremes of gap functions that have come to the wrong side."""
     chart: Signature = now.chart
     wrong = [e for e in after.evaluation.extremes if e.height > rounding]
-    first = chart.first_touch(after.evaluation, chart.flow(after.problem, after.y[:-1]))
+    flow = chart.flow(after.problem, after.y[:-1]) if flow is None else flow
+    first = chart.first_touch(after.evaluation, flow)
     if first is not None and first.height > rounding and not any(_alike(chart, e.phase, first.phase) for e in wrong):
         wrong.append(first)
     if not wrong:

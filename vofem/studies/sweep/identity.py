@@ -21,7 +21,7 @@ from typing import Any
 from vofem._version import __version__
 from vofem.errors import ArgumentError
 from vofem.parameters import values_of
-from vofem.studies.sweep.content import NoContentError, digest, node_of
+from vofem.studies.sweep.points import NoContentError, digest, node_of
 
 
 def identity(function: Callable[..., Any], compiled: bool = True) -> tuple[dict[str, str], tuple[str, ...]]:

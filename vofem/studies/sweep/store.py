@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from vofem.errors import OutputError, StorageError
 from vofem.files.hdf5 import FILTERS, check_format, mark_format, reading, writing
 from vofem.files.whole import target, try_to_write
-from vofem.studies.sweep.content import node_of, value_of
-from vofem.studies.sweep.points import points_of
+from vofem.studies.sweep.points import node_of, points_of, value_of
 from vofem.studies.sweep.sweep import Sweep, agreeing, columns_of, sweep_of
 from vofem.studies.sweep.worker import RESERVED, Row
 

@@ -12,20 +12,8 @@ from vofem.effects import BaseMotion, Contact, Gravity, PointLoad, Pulse, Sine, 
 from vofem.integrators.registry import method_named
 from vofem.scene import Scene
 from vofem.time_functions import Load
-from vofem.verification.case import (
-    ALPHA,
-    CENTRAL,
-    CONSERVING,
-    EVENT_DRIVEN,
-    Case,
-    How,
-    Quantity,
-    Run,
-    every,
-    exact,
-    on_stop,
-    stepping,
-)
+from vofem.verification import case as by
+from vofem.verification.case import Case, How, Quantity, Run, every, exact, on_stop, stepping
 
 
 def cases() -> Iterator[Case]:
@@ -80,7 +68,7 @@ def _restitution(zeta: float) -> Case:
     )
     how = exact(1e-11) | stepping(1e-5, 2e-6)
     # The damper's force jumps at closing, and central differences notice it one step late.
-    how[CENTRAL] = How(1e-3, {"dt": 1e-5})
+    how[by.CENTRAL] = How(1e-3, {"dt": 1e-5})
     return Case(3, f"damped stop, zeta = {zeta:g}", "closed form", quantities, measure, how)
 
 
@@ -96,10 +84,10 @@ def _rebound(phase: float, entries: int = 40) -> Case:
             speeds.append(-float(result.velocity(mass)[-1]))
         return {"speed out, the worst of all [m/s]": max(speeds, key=lambda v: abs(v - 1.0))}
 
-    how = exact(1e-12) | {CONSERVING: How(5e-13, {"dt": dt})}
+    how = exact(1e-12) | {by.CONSERVING: How(5e-13, {"dt": dt})}
     reported = How(0.01, {"dt": dt}, "reported", "energy: ")
-    how[ALPHA] = reported if phase < 5.0 else How(0.01, {"dt": dt}, "stopped", "blew up")
-    how[CENTRAL] = reported if phase < 2.0 else How(0.01, {"dt": dt}, "refused", "critical step")
+    how[by.ALPHA] = reported if phase < 5.0 else How(0.01, {"dt": dt}, "stopped", "blew up")
+    how[by.CENTRAL] = reported if phase < 2.0 else How(0.01, {"dt": dt}, "refused", "critical step")
     quantities = (Quantity("speed out, the worst of all [m/s]", 1.0),)
     name = f"rebound of a free mass, {entries} entries, omega dt = {phase:g}"
     return Case(6, name, "closed form", quantities, measure, how)
@@ -122,7 +110,10 @@ def _chatter() -> Case:
         return found | {"distance from the gap after 225 s [m]": float(np.max(np.abs(late - 1.0)))}
 
     quantities = (
-        *(Quantity(f"events by {t:g} s", float(count), tolerance={EVENT_DRIVEN: 0.0}) for t, count in counts.items()),
+        *(
+            Quantity(f"events by {t:g} s", float(count), tolerance={by.EVENT_DRIVEN: 0.0})
+            for t, count in counts.items()
+        ),
         Quantity("distance from the gap after 225 s [m]", 0.0, relative=False),
     )
     how = exact(1e-4) | stepping(1e-3, 3e-3, says="chatter")
@@ -156,9 +147,9 @@ def _grazing(depth: float) -> Case:
         return {"crossings": float(result.counters.events)}
 
     how = exact(0.0)
-    for method in (CONSERVING, ALPHA, CENTRAL):
+    for method in (by.CONSERVING, by.ALPHA, by.CENTRAL):
         # Numerical dissipation would take the motion out of the stop's reach.
-        options = {"dt": 1e-3, **({"rho_infinity": 1.0} if method == ALPHA else {})}
+        options = {"dt": 1e-3, **({"rho_infinity": 1.0} if method == by.ALPHA else {})}
         how[method] = How(0.0, options, "reported", "passed over") if depth < 1e-7 else How(0.0, options)
     quantities = (Quantity("crossings", 20.0),)
     name = f"grazing by {depth:g} m, ten periods"
@@ -189,7 +180,7 @@ def _scaled(name: str, length: float, mass: float, time: float, exact: float, st
         return {"largest difference": float(np.max(np.abs(histories[1] - histories[0])) / size)}
 
     quantities = (Quantity("largest difference", 0.0, relative=False),)
-    how = every(steps) | {EVENT_DRIVEN: How(exact)}
+    how = every(steps) | {by.EVENT_DRIVEN: How(exact)}
     return Case(24, f"units scaled {name}", "the scene in SI units", quantities, measure, how)
 
 
@@ -312,10 +303,10 @@ def _between_stops(stiffness: float) -> Case:
     quantities = (
         Quantity("displacement at the end [m]", (-1.0) ** crossings * inside, relative=False),
         Quantity("largest displacement [m]", deepest, relative=False),
-        Quantity("largest speed [m/s]", 1.0, False, {EVENT_DRIVEN: 1e-8, CONSERVING: 1e-3, ALPHA: 1e-3}),
+        Quantity("largest speed [m/s]", 1.0, False, {by.EVENT_DRIVEN: 1e-8, by.CONSERVING: 1e-3, by.ALPHA: 1e-3}),
     )
-    how = exact(1e-8) | {method: How(_TOL * deepest, {"tol": _TOL}) for method in (CONSERVING, ALPHA)}
+    how = exact(1e-8) | {method: How(_TOL * deepest, {"tol": _TOL}) for method in (by.CONSERVING, by.ALPHA)}
     # This method has no steps under a tolerance, and refuses the argument.
-    how |= {CENTRAL: How(0.0, {"tol": _TOL}, "refused", "tol was given")}
+    how |= {by.CENTRAL: How(0.0, {"tol": _TOL}, "refused", "tol was given")}
     return Case(32, f"free mass between stops of {stiffness:.0e} N/m, tol = {_TOL:g}", "closed form", quantities,
                 measure, how)  # fmt: skip

@@ -11,19 +11,8 @@ import numpy as np
 from vofem.bodies import Mass
 from vofem.effects import Constant, Contact, PointLoad, Sine, Spring, Springpot
 from vofem.scene import Scene
-from vofem.verification.case import (
-    ALPHA,
-    CENTRAL,
-    CONSERVING,
-    EVENT_DRIVEN,
-    Case,
-    How,
-    Quantity,
-    Run,
-    exact,
-    on_stop,
-    stepping,
-)
+from vofem.verification import case as by
+from vofem.verification.case import Case, How, Quantity, Run, exact, on_stop, stepping
 
 
 def cases() -> Iterator[Case]:
@@ -121,12 +110,14 @@ def _long_time(phase: float, steps: int = 1_000_000) -> Case:
         return {"energy drift": result.energy.balance_error}
 
     slow = phase != 1.0
-    how = exact(1e-9, slow=slow) | {CONSERVING: How(1e-10, {"dt": dt}, slow=slow)}
-    how[CENTRAL] = How(0.01, {"dt": dt}, "reported", "energy: ")
+    how = exact(1e-9, slow=slow) | {by.CONSERVING: How(1e-10, {"dt": dt}, slow=slow)}
+    how[by.CENTRAL] = How(0.01, {"dt": dt}, "reported", "energy: ")
     if phase >= 2.0:
-        how[CENTRAL] = How(0.0, {"dt": dt}, "refused", "critical step")
+        how[by.CENTRAL] = How(0.0, {"dt": dt}, "refused", "critical step")
     options = {"dt": dt, "rho_infinity": 1.0}
-    how[ALPHA] = How(0.01, options, "reported", "energy: ") if phase < 0.5 else How(0.0, options, "stopped", "blew up")
+    how[by.ALPHA] = (
+        How(0.01, options, "reported", "energy: ") if phase < 0.5 else How(0.0, options, "stopped", "blew up")
+    )
     quantities = (Quantity("energy drift", 0.0, relative=False),)
     return Case(7, f"long-time energy, 1e6 steps, omega dt = {phase:g}", "closed form", quantities, measure, how)
 
@@ -134,9 +125,9 @@ def _long_time(phase: float, steps: int = 1_000_000) -> Case:
 def _rounding_of_steps(dt: float = 1e-5, steps: int = 1_000_000) -> Case:
     angles: dict[str, Callable[[], float]] = {
         # The result of the recurrences in exact arithmetic.
-        CENTRAL: lambda: float(np.cos(steps * 2.0 * np.arcsin(0.5 * dt))),
-        CONSERVING: lambda: float(np.cos(steps * 2.0 * np.arctan(0.5 * dt))),
-        ALPHA: lambda: float(np.cos(steps * 2.0 * np.arctan(0.5 * dt))),
+        by.CENTRAL: lambda: float(np.cos(steps * 2.0 * np.arcsin(0.5 * dt))),
+        by.CONSERVING: lambda: float(np.cos(steps * 2.0 * np.arctan(0.5 * dt))),
+        by.ALPHA: lambda: float(np.cos(steps * 2.0 * np.arctan(0.5 * dt))),
     }
 
     def measure(run: Run) -> Mapping[str, float]:
@@ -146,7 +137,7 @@ def _rounding_of_steps(dt: float = 1e-5, steps: int = 1_000_000) -> Case:
         return {"loss to rounding [m]": float(result.displacement(mass)[-1] - expected)}
 
     how = exact(1e-14) | stepping(dt, 1e-9)
-    how[ALPHA] = How(1e-9, {"dt": dt, "rho_infinity": 1.0})
+    how[by.ALPHA] = How(1e-9, {"dt": dt, "rho_infinity": 1.0})
     source = "closed form of the recurrence in exact arithmetic"
     quantities = (Quantity("loss to rounding [m]", 0.0, relative=False),)
     return Case(23, "a million small steps, dt = 1e-5", source, quantities, measure, how)
@@ -198,9 +189,9 @@ def _huge_step() -> Case:
         return {"energy drift": result.energy.balance_error}
 
     how = exact(1e-9)
-    how[CONSERVING] = How(1e-10, {"dt": 1.0}, says="do not resolve")
-    how[ALPHA] = How(0.01, {"dt": 1.0}, "reported", "do not resolve")
-    how[CENTRAL] = How(0.0, {"dt": 1.0}, "refused", "critical step")
+    how[by.CONSERVING] = How(1e-10, {"dt": 1.0}, says="do not resolve")
+    how[by.ALPHA] = How(0.01, {"dt": 1.0}, "reported", "do not resolve")
+    how[by.CENTRAL] = How(0.0, {"dt": 1.0}, "refused", "critical step")
     quantities = (Quantity("energy drift", 0.0, relative=False),)
     return Case(29, "huge steps, omega dt = 1e6", "closed form", quantities, measure, how)
 
@@ -296,10 +287,10 @@ def _light_joint(ratio: float) -> Case:
         return {"displacement of the heavy mass at 1 s [m]": float(result.displacement(heavy)[-1])}
 
     how = exact(ratio + 1e-14)
-    how |= {method: How(ratio + 2e-7, {"dt": 1e-3}) for method in (CONSERVING, ALPHA)}
-    how[CENTRAL] = How(ratio + 2e-7)
+    how |= {method: How(ratio + 2e-7, {"dt": 1e-3}) for method in (by.CONSERVING, by.ALPHA)}
+    how[by.CENTRAL] = How(ratio + 2e-7)
     if ratio < 1e-9:
-        how[CENTRAL] = How(0.0, {} if ratio < 1e-20 else {"dt": 1e-3}, "refused", "critical step")
+        how[by.CENTRAL] = How(0.0, {} if ratio < 1e-20 else {"dt": 1e-3}, "refused", "critical step")
     quantities = (Quantity("displacement of the heavy mass at 1 s [m]", float(np.cos(1.0))),)
     return Case(22, f"a joint of {ratio:g} of the mass", "closed form, springs in series", quantities, measure, how)
 
@@ -348,5 +339,5 @@ def _fractional(name: str, u0: float, v0: float, force: float) -> Case:
     quantities = tuple(
         Quantity(f"displacement at {t:g} s [m]", _fractional_end(t, u0, v0, force), relative=False) for t in times
     )
-    how = stepping(1e-3, 5e-6) | {EVENT_DRIVEN: How(expected="refused", says=CONSERVING)}
+    how = stepping(1e-3, 5e-6) | {by.EVENT_DRIVEN: How(expected="refused", says=by.CONSERVING)}
     return Case(None, f"fractional oscillator of order 1/2, {name}", _MITTAG_LEFFLER, quantities, measure, how)

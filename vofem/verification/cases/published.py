@@ -28,19 +28,8 @@ from vofem.effects import (
 )
 from vofem.scene import Scene
 from vofem.simulate.simulation import simulate
-from vofem.verification.case import (
-    ALPHA,
-    CENTRAL,
-    CONSERVING,
-    EVENT_DRIVEN,
-    Case,
-    How,
-    Quantity,
-    Run,
-    exact,
-    on_stop,
-    stepping,
-)
+from vofem.verification import case as by
+from vofem.verification.case import Case, How, Quantity, Run, exact, on_stop, stepping
 from vofem.verification.cases import masses
 
 
@@ -199,7 +188,7 @@ def _motions(name: str, file: str, names: Names, measure: Measure, dt: float) ->
     entries = [entry(data, *key) for key in names]
     how = exact() | stepping(dt)
     # Numerical dissipation would change the published digits.
-    how[ALPHA] = How(options={"dt": dt, "rho_infinity": 1.0})
+    how[by.ALPHA] = How(options={"dt": dt, "rho_infinity": 1.0})
     return Case(None, name, source(data), _quantities([_label(key) for key in names], entries), measure, how)
 
 
@@ -296,7 +285,7 @@ def _loose_tube() -> Case:
 
     how = exact(slow=True) | stepping(1e-5, slow=True)
     # The highest modes are overdamped: 7e6 1/s.
-    how[CENTRAL] = How(0.0, {"dt": 1e-5}, "refused", "critical step")
+    how[by.CENTRAL] = How(0.0, {"dt": 1e-5}, "refused", "critical step")
     assert p["elements"] % 4 == 0
     name = "tube that rattles in loose supports"
     return Case(None, name, source(data), _quantities(names, entries), measure, how)
@@ -344,11 +333,11 @@ def _zener() -> Case:
     quantities = tuple(Quantity(name, q["value"], relative=False) for name, q in zip(names, entries, strict=True))
     # The light nodes hold 1e-9 of the energy. Their first motion within 1e-9 s is beyond generalized_alpha's steps.
     how = {
-        EVENT_DRIVEN: How(4e-9),
-        CONSERVING: How(2e-6, {"dt": 1e-4}),
-        ALPHA: How(2e-6, {"dt": 1e-4}, "reported", "energy: "),
+        by.EVENT_DRIVEN: How(4e-9),
+        by.CONSERVING: How(2e-6, {"dt": 1e-4}),
+        by.ALPHA: How(2e-6, {"dt": 1e-4}, "reported", "energy: "),
     }
-    how[CENTRAL] = How(0.0, {"dt": 1e-4}, "refused", "critical step")
+    how[by.CENTRAL] = How(0.0, {"dt": 1e-4}, "refused", "critical step")
     return Case(None, "mass on a Zener element", source(data), quantities, measure, how)
 
 
@@ -375,10 +364,10 @@ def _softening() -> Case:
         return dict(zip(names, found.tolist(), strict=True))
 
     quantities = tuple(Quantity(name, q["value"], relative=False) for name, q in zip(names, entries, strict=True))
-    how = {method: How(1e-9, {"dt": 5e-4}) for method in (ALPHA, CENTRAL)}
+    how = {method: How(1e-9, {"dt": 5e-4}) for method in (by.ALPHA, by.CENTRAL)}
     # The error is 2.8e-9 m at the step of the others, and falls with its square.
-    how[CONSERVING] = How(1e-9, {"dt": 2.5e-4}, slow=True)
-    how[EVENT_DRIVEN] = How(0.0, expected="refused", says="no closed form|not piecewise linear")
+    how[by.CONSERVING] = How(1e-9, {"dt": 2.5e-4}, slow=True)
+    how[by.EVENT_DRIVEN] = How(0.0, expected="refused", says="no closed form|not piecewise linear")
     return Case(None, "softening spring, manufactured solution", source(data), quantities, measure, how)
 
 
