@@ -202,11 +202,13 @@ from vofem.kernels.jit import CompiledFunction
 mass = vf.Mass(1.0, 1.0)
 stop = vf.Contact(mass, gap=0.1, stiffness=5.0, side="above", acts_on="penetration")
 vf.simulate(vf.Scene([mass], [stop], {mass: (0.0, 1.0)}), 1.0, method=sys.argv[1], dt=0.1, compiled=True)
-made = [f for f in gc.get_objects() if isinstance(f, CompiledFunction) and f.compilations]
+known = [f for f in gc.get_objects() if isinstance(f, CompiledFunction)]
+# What is called through its address has a form for numba, which no other function calls.
+made = [f for f in known if f.compilations or vars(f).keys() & {"prepared", "callee"} == {"prepared"}]
 from numba.core.runtime import rtsys
 counts = rtsys.get_allocation_stats()
 print(counts.mi_alloc - counts.mi_free)
-print(json.dumps({f"{f.__module__}.{f.__name__}": f.compilations for f in made}))
+print(json.dumps([f"{f.__module__}.{f.__name__}" for f in made]))
 """
 
 
@@ -221,10 +223,10 @@ def test_what_a_scene_does_not_hold_is_not_compiled(tmp_path):
     made = json.loads(listed)
     absent = ("laws.springpot", "laws.hysteretic", "laws.resolved", "stepping.probes")
     assert not [name for name in made if any(room in name for room in absent)]
-    for name in ("_react_in_band", "begin_springpots"):
+    for name in ("_in_band", "begin_springpots"):
         assert not [made_ for made_ in made if made_.endswith(f".{name}")], name
     assert any(name.endswith("._react") for name in made)
-    assert len(made) < 30
+    assert len(made) < 31
 
 
 BORROWING = """

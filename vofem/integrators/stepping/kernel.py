@@ -357,7 +357,8 @@ def advance(
             if rules is not None:  # noqa: SIM102
                 if not rules.present[k + 1, j]:
                     y[j] = rules.away[j]
-            rate[j] = _rate(rows, rules, drift, k, there + j, q1, v1, dampers)
+            if dampers:
+                rate[j] = _rate(rows, rules, drift, k, there + j, q1, v1, dampers)
             chunk.u[k + 1, j], chunk.reaction[k + 1, j] = y[j], found[j]
         if dampers or past:
             call(reactions.laws, place, y, 0, y, 0, FINISH, 0.0)

@@ -50,8 +50,8 @@ _TURNED = 4.0
 #: What a row does, see the module.
 ACTS, HOLDS, PUSHES, ABSENT = range(4)
 
-#: What is asked of laws: forces where they are; also their slopes; the slope of the convex function a part of a step
-#: further; and forces of dampers at the end of the step, after which internal variables are those at its end.
+#: What is asked of laws: forces where all rows act; what rows ask for, with slopes; the slope of the convex function
+#: a part of a step further; and forces of dampers at the end, after which internal variables are those there.
 FORCES_AT, SLOPES_AT, ALONG, FINISH = range(4)
 
 #: What is asked of reactions: to find them, or to correct those that are held once.
@@ -103,11 +103,11 @@ def reactions_of(
     whole[PRESSING] = -1
     coupling, matrix, spare, factored = (np.zeros_like(part) for part in (coupling, coupling, factored[0], factored))
     kept: list[NDArray[Any]] = [numbers, of_laws, whole, coupling, matrix, *laws, *rows, factored, spare]
-    address = [address_of(cast(CompiledFunction, kernel)) if m else 0 for kernel in (_ask_laws, _react)]
-    band = address_of(cast(CompiledFunction, _in_band)) if banded else 0
+    kernels = ((_ask_laws, m > 0), (_react, m > 0), (_in_band, banded))
+    ask_laws, react, band = (address_of(cast(CompiledFunction, it)) if used else 0 for it, used in kernels)
     sizes = [m, coupling.shape[0], n, rows.weight.size, laws.parameters.size, laws.state.size]
-    table = np.array([*sizes, address[0], band, *map(place_of, kept), factored.shape[0]])
-    return Reactions(*address, place_of(table), numbers, of_laws, whole, coupling, factored), [table, *kept]
+    table = np.array([*sizes, ask_laws, band, *map(place_of, kept), factored.shape[0]])
+    return Reactions(ask_laws, react, place_of(table), numbers, of_laws, whole, coupling, factored), [table, *kept]
 
 
 def begin_reactions(
@@ -162,6 +162,10 @@ def _ask_laws(place: int, p: Any, z: Any, question: float, part: float) -> float
                 answer += w[MOVE, j] * (force - w[FOUND, j] - part * w[STEP, j])
             continue
         u1 = w[BASE, j] if explicit else y
+        if question == FORCES_AT:
+            w[FORCES, j] = force_over(laws, j, way, u0, u1, y, w[BEFORE, j])
+            answer += abs(w[FORCES, j])
+            continue
         force, slope, share = 0.0, 0.0, 0.0
         if kind == ACTS:
             if whole[SPRUNG, j] and presses >= 0:
@@ -173,8 +177,7 @@ def _ask_laws(place: int, p: Any, z: Any, question: float, part: float) -> float
                 laws.parameters[at_first] = max(w[FOUND, presses] - 0.5 * rise, 0.0)
                 laws.parameters[at_first + 1] = max(w[FOUND, presses] + 0.5 * rise, 0.0)
             force = force_over(laws, j, way, u0, u1, y, w[BEFORE, j])
-            if question == SLOPES_AT:
-                slope = slope_over(laws, j, way, u0, u1, force)
+            slope = slope_over(laws, j, way, u0, u1, force)
         elif kind == HOLDS:
             force, slope = w[FOUND, j] + y - w[TARGET, j], 1.0
         elif kind == PUSHES:
