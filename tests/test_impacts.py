@@ -1,10 +1,8 @@
 """Impacts, statistics of contacts, tables: against closed forms, and against sums over many samples."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
-from scenes import cantilever, on_stop, paper_beam
+from scenes import on_stop, paper_beam
 
 import vofem as vf
 
@@ -278,44 +276,3 @@ def test_rotations_have_their_own_units():
     result = vf.simulate(vf.Scene([beam], [stop, vf.PointMoment(beam.at(0.0), vf.Constant(0.5))]), 0.5)
     table = result.impacts()
     assert (table.units["peak_force"], table.units["approach_speed"]) == ("N m", "rad/s")
-
-
-def _rattling(case):
-    """Modes without damping, each with its own, driven by ramps, free as a whole, or against a stiff stop."""
-    beam = cantilever(5)
-    tip = beam.at(1.0)
-    law, stiffness, load, more = "displacement", 1.0, vf.Sine(0.1, 1.0), []
-    if case == "damped":
-        more = [vf.RayleighDamping(0.3, 0.0)]
-    elif case == "ramps":
-        load = vf.Tabulated([0.0, 0.7, 2.0, 9.0], [0.0, -0.4, 0.1, -0.3])
-    elif case == "stiff":
-        law, stiffness = "penetration", 1e9
-    elif case == "free":
-        ball = vf.Mass(2.0)
-        stop = vf.Contact(ball, gap=0.1, stiffness=30.0, side="above", acts_on="penetration", name="stop")
-        return vf.Scene([ball], [stop, vf.PointLoad(ball, 1.0)])
-    stop = vf.Contact(tip, gap=0.03, stiffness=stiffness, side="below", acts_on=law, name="stop")
-    return vf.Scene([beam], [stop, vf.PointLoad(tip, load), *more])
-
-
-@pytest.mark.parametrize("case", ["undamped", "damped", "ramps", "stiff", "free"])
-def test_forces_on_panels_are_those_at_their_times(case):
-    result = vf.simulate(_rattling(case), 9.0)
-    solution, contact = result.solution, result.contacts["stop"]
-    assert contact.closings.size
-    # Away from the events, where rounding decides which status a time belongs to.
-    begin, end = contact.closings[: contact.openings.size], contact.openings
-    cuts = np.unique(np.concatenate([solution.segment_starts, begin, end]))
-    pieces = [(a, b) for a, b in pairwise(cuts) if np.any((a >= begin) & (b <= end))]
-    low, high = (np.array([a + share * (b - a) for a, b in pieces for share in shares]) for shares in (
-        (0.0, 0.25, 0.5), (0.25, 0.5, 1.0)))  # fmt: skip
-    fractions = np.array([0.2, 0.6, 0.9])
-    found = solution.elastic_force(0, low, high, fractions)
-    assert found is not None
-    times = low + fractions[:, None] * (high - low)
-    wanted = solution.contacts(times.ravel()).force[0].reshape(times.shape)
-    # A touch of the stiff stop lasts 1e-5 s, and times are rounded to 1e-15 s.
-    limit = 1e-9 if case == "stiff" else 1e-11
-    assert np.max(np.abs(found - wanted)) <= limit * np.max(np.abs(wanted))
-    assert np.max(np.abs(wanted)) > 1e-3

@@ -8,7 +8,6 @@ stepping method knows its motion between neighbouring steps as polynomials of de
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -194,14 +193,6 @@ def resolve(
         return None
 
 
-@runtime_checkable
-class _KnowsPanels(Protocol):
-    """A solution that gives the force of an undamped contact on panels faster than at any times."""
-
-    def elastic_force(self, contact: int, low: Array, high: Array, fractions: Array) -> Array | None:
-        """Return the force at fractions of panels, shape (n_fractions, n_panels); None where it does not know it."""
-
-
 class _Sampler:
     """Force of a contact and, where wanted, its rate at any times, in blocks that a bounded memory holds."""
 
@@ -211,14 +202,6 @@ class _Sampler:
 
     def on_panels(self, low: Array, high: Array, x: Array) -> tuple[Array, Array]:
         """Return force and rate at points x from -1 to 1 of panels, each of shape (n_points, n_panels)."""
-        if not self._rates and isinstance(self._solution, _KnowsPanels):
-            blocks = [slice(start, start + self._block) for start in range(0, low.size, self._block)]
-            fractions = 0.5 * (1.0 + x)
-            forces = [self._solution.elastic_force(self._index, low[b], high[b], fractions) for b in blocks]
-            known = [force for force in forces if force is not None]
-            if known and len(known) == len(forces):
-                force = np.concatenate(known, axis=1)
-                return force, np.zeros_like(force)
         times = 0.5 * (low + high) + 0.5 * (high - low) * x[:, None]
         # In the order of time, as segments are visited.
         force, rate = self(times.T.ravel())

@@ -294,10 +294,6 @@ class SlidingSolution(EventSolution):
         stiffness = np.where(status == CLOSED, laws.stiffness[:first, None], 0.0)
         return ContactSamples(status, np.where(status == PINNED, np.inf, stiffness), force)
 
-    def elastic_force(self, contact: int, low: Array, high: Array, fractions: Array) -> Array | None:
-        """Return None: `contacts` knows the forces."""
-        return None
-
     def friction(self, times: Array) -> FrictionSamples:
         """Return the sliders at any times."""
         record, sliders, first = self.record, self.sliders, self.contact_count

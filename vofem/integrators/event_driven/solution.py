@@ -578,31 +578,6 @@ class EventSolution:
         held = np.where(laws.rigid[:, None], np.inf, force / gap)
         return ContactSamples(status, np.where(status == PINNED, held, stiffness), force)
 
-    @_evaluation
-    def elastic_force(self, contact: int, low: Array, high: Array, fractions: Array) -> Array | None:
-        """Return the force of an undamped contact on panels in N, shape (n_fractions, n_panels).
-
-        `low`, `high` (shape (n_panels,)): ends of each panel in s; no event happens within.
-        `fractions` (shape (n_fractions,)): places in a panel, from 0 to 1.
-        Returns None if the contact is not closed; then use `contacts`.
-        """
-        laws, record = self.system.contacts, self.record
-        assert laws is not None
-        segments = np.searchsorted(record.starts, 0.5 * (low + high), side="right") - 1
-        numbers = record.status_numbers[segments]
-        if any(record.statuses[number][contact] != CLOSED for number in np.unique(numbers).tolist()):
-            return None
-        gaps = np.empty((fractions.size, low.size))
-        for regime, mine in self.regimes(segments):
-            tau = np.maximum(low[mine] - record.starts[segments[mine]], 0.0) + np.multiply.outer(
-                fractions, (high - low)[mine]
-            )
-            used, own = np.unique(segments[mine], return_inverse=True)
-            moved = regime.changes(self.begins(regime, used), np.tile(own, fractions.size), tau.ravel())
-            along = flat(moved) @ regime.coordinates[contact]
-            gaps[:, mine] = record.buffers.gaps[segments[mine], contact] + along.reshape(tau.shape)
-        return np.asarray(laws.stiffness[contact] * (gaps + laws.gap[contact] - laws.offset[contact]))
-
     @cached_property
     @_evaluation
     def sensitivity(self) -> Sensitivity:
