@@ -235,10 +235,6 @@ class ContactLaws(LawGroup):
             share[j] = np.reshape([switch(self.resolution[j] * x) for x in np.ravel(s[j])], np.shape(s[j]))
         return share
 
-    def status(self, u: Array) -> Status:
-        """Return OPEN or CLOSED."""
-        return np.where(u > self.column(self.gap, u), CLOSED, OPEN).astype(np.int64)
-
     def scaled(self, factor: float) -> ContactLaws:
         """Return contacts with springs and dampers times a factor."""
         return replace(self, stiffness=factor * self.stiffness, damping=factor * self.damping)
