@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scenes import on_stop
 
 import vofem as vf
-from vofem.integrators.stepping import run as module
+from vofem.integrators.stepping import structure as module
 from vofem.integrators.stepping.methods import energy_conserving
 from vofem.laws.rows import all_rows
 from vofem.linalg.banded import band_order, band_width
