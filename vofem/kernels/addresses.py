@@ -10,6 +10,7 @@ of their places instead. Whoever writes these places keeps the arrays.
 
 from __future__ import annotations
 
+import ctypes
 import math
 from functools import cache, partial
 from typing import Any
@@ -37,6 +38,19 @@ def place_of(array: NDArray[Any]) -> int:
 def address_of(function: CompiledFunction) -> int:
     """Return where kernels find a function, in the way in which they run at present; it holds in this process only."""
     return _compiled_address(function) if compiled() else plain_address(function.plain)
+
+
+def called(function: CompiledFunction, what: int, p: Array, z: Array, x0: float, x1: float) -> float:
+    """Call a function from Python in the form in which kernels call it, so that it is not compiled for Python too."""
+    if not compiled():
+        return float(function(what, p, z, x0, x1))
+    return float(_from_python(_compiled_address(function))(what, place_of(p), place_of(z), x0, x1))
+
+
+@cache
+def _from_python(address: int) -> Any:
+    number, place = ctypes.c_double, ctypes.c_void_p
+    return ctypes.CFUNCTYPE(number, ctypes.c_int64, place, place, number, number)(address)
 
 
 def plain_address(known: Any) -> int:

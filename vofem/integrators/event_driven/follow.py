@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import time
 from contextlib import nullcontext
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.arrays import Array
-from vofem.integrators.event_driven.blocks import response
 from vofem.integrators.event_driven.loop import (
     DECISION,
     EDGES,
@@ -27,7 +26,7 @@ from vofem.integrators.event_driven.loop import (
     LEFT,
     MODES_OF_RUN,
     NUMBERS,
-    RESPOND,
+    SEARCH,
     SEGMENT_ROOM,
     SEGMENTS,
     STATUS,
@@ -38,10 +37,11 @@ from vofem.integrators.event_driven.loop import (
     work_space,
 )
 from vofem.integrators.event_driven.regime import Regime
-from vofem.integrators.event_driven.search import HIT
+from vofem.integrators.event_driven.search import HIT, march
 from vofem.integrators.event_driven.solution import EventSolution
-from vofem.integrators.event_driven.table import PAIRS, Statuses
-from vofem.kernels.addresses import place_of
+from vofem.integrators.event_driven.table import Statuses
+from vofem.kernels.addresses import address_of, place_of
+from vofem.kernels.jit import CompiledFunction
 from vofem.kernels.mode import kernels
 from vofem.system import PINNED
 
@@ -83,7 +83,7 @@ class Follower:
         contacts, n = solution.space.contacts.shape
         drift = solution.drift()
         self._run = np.full(NUMBERS, -1)
-        self._run[MODES_OF_RUN:RESPOND] = n, contacts, loads.size, loads.kind.size, drift.shape[2], 0, 0
+        self._run[MODES_OF_RUN:SEARCH] = n, contacts, loads.size, loads.kind.size, drift.shape[2], 0, 0
         self._time, self._state, self._gaps = np.zeros(1), np.zeros((2, n)), np.zeros(contacts)
         laws = solution.system.cache.get("laws of the loop", pin_fraction, self._laws_of_system)
         rows = solution.space.contacts
@@ -126,7 +126,7 @@ class Follower:
         self._enter()
         run[SEGMENTS], run[EVENTS], run[EVALUATIONS] = record.segments, record.events, 0
         space = work_space(statuses.table, solution.space.size)
-        run[RESPOND] = response(bool(statuses.table[:, PAIRS].any())).address
+        run[SEARCH] = address_of(cast(CompiledFunction, march))
         first, first_event, begun = record.segments, record.events, time.perf_counter()
         record.make_room(1, 1)
         while True:
@@ -134,7 +134,7 @@ class Follower:
             run[SEGMENT_ROOM], run[EVENT_ROOM] = buffers.starts.size, buffers.event_time.size
             run[EDGES:] = [place_of(array) for array in (*self._arrays, *buffers, *space)]
             reason = run_segments(
-                statuses.table, statuses.slots, statuses.after, group, run,
+                statuses.table, statuses.slots, statuses.after, run,
                 1 if group is not None else self._segments, self._most_events,
             )  # fmt: skip
             self.calls += 1

@@ -11,43 +11,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
-from vofem.integrators.event_driven.clusters import Group
 from vofem.integrators.event_driven.search import (
     BEGINNING,
+    BLOCKS,
     CONSTANTS,
     EVALUATION_WORK,
+    FUNCTION_OF,
     FUNCTION_ROWS,
+    FUNCTIONS,
     HIT,
     MOVED,
-    SPARE,
+    OWN,
     START,
-    march,
+    WORK,
 )
 from vofem.integrators.event_driven.search import ROWS as SEARCH_ROWS
 from vofem.integrators.event_driven.table import (
-    BLOCKS,
-    ENDS,
-    FUNCTIONS,
-    GAIN,
     INTO,
     LEADS,
     LEVEL,
-    LEVELS,
     MODES,
     OF,
     OUT,
-    OWN,
     OWNER,
-    PAIR,
-    PAIRS,
-    ROWS,
     SHIFT,
     SIGN,
-    SIZES,
     STEADY,
-    TAIL,
+    TAKEN,
 )
-from vofem.kernels.addresses import floats, integers, shaped
+from vofem.kernels.addresses import call, floats, integers, shaped
 from vofem.kernels.jit import jit
 from vofem.linalg.vectors import copy, inner, multiply, multiply_transposed
 
@@ -63,15 +55,15 @@ DONE, PAUSED, NEW_STATUS, FULL, DECISION, STORM = range(6)
 STATUS, INTERVAL, SWITCHED, SEGMENTS, EVENTS, EVALUATIONS, LEFT, FUNCTION = range(8)
 
 #: Then follow sizes: modes n, contacts c, loads e, intervals i of the loads, loads that enter the coordinates of
-#: contacts (e or 0), rows of the record for segments and for events; and the address of `respond`, see `Response`.
-MODES_OF_RUN, CONTACTS, LOADS, INTERVALS, DRIFTING, SEGMENT_ROOM, EVENT_ROOM, RESPOND = range(8, 16)
+#: contacts (e or 0), rows of the record for segments and for events; and the address of `march`.
+MODES_OF_RUN, CONTACTS, LOADS, INTERVALS, DRIFTING, SEGMENT_ROOM, EVENT_ROOM, SEARCH = range(8, 16)
 
 #: Then places of arrays: of the loads, see `Exosystem` and `Regime.drift`; of the contacts their rows (c, n), bounds on
 #: the terms that these are summed of, and `LAWS`; the time that has been reached (1,), the modal state (2, n) and the
 #: gap functions (c,); the arrays of the record, see `Buffers`; and work space.
 EDGES, STATES, KINDS, OMEGA, BEND, DRIFT, CONTACT_ROWS, CONTACT_SIZES, LAWS, TIME, STATE, GAPS = range(16, 28)
 STARTS, DURATIONS, STATUSES, DISPLACEMENTS, VELOCITIES, SEGMENT_GAPS = range(28, 34)
-EVENT_TIME, EVENT_CONTACT, EVENT_STATUS, WORK_X, WORK_F, WORK_MODAL, WORK_BOTH, WORK_SPARE, NUMBERS = range(34, 43)
+EVENT_TIME, EVENT_CONTACT, EVENT_STATUS, WORK_X, WORK_F, WORK_MODAL, WORK_BOTH, NUMBERS = range(34, 42)
 
 #: Columns of the array of the laws, (c, 4): the gap in m, the squared norm of the row, and two numbers: a contact may
 #: be pinned where its speed squared is below ``pinning + pinning_rate speed``.
@@ -88,7 +80,7 @@ CANCELLING = 8.0
 def work_space(table: Integers, n: int) -> list[Array]:
     """Return work space for the pieces of a table of n modes, in the order of its places."""
     functions, blocks, own = (int(table[:, column].max()) for column in (FUNCTIONS, BLOCKS, OWN))
-    sizes = SEARCH_ROWS * blocks, FUNCTION_ROWS * functions, 4 * n, 6 * own, SPARE
+    sizes = SEARCH_ROWS * blocks, FUNCTION_ROWS * functions, 4 * n, 6 * own
     return [np.empty(size) for size in sizes]
 
 
@@ -171,12 +163,11 @@ def _add_answers(steady: Array, states: Array, sign: float, both: Array) -> None
 
 @jit
 def run_segments(
-    table: Integers, slots: Integers, after: Integers, group: Group | None, run: Integers, segments: int, events: int
+    table: Integers, slots: Integers, after: Integers, run: Integers, segments: int, events: int
 ) -> int:  # fmt: skip
     """Follow a run from segment to segment; return why it stops, see `DONE` and what follows it.
 
     `table`, `slots`, `after`: see `Statuses`.
-    `group`: that of the only linear piece in the table; its blocks are not independent.
     `run` (shape (NUMBERS,)): the numbers of the run and the places of its arrays. Its state and the record are changed
     in place.
     `segments`: number of segments after which the loop returns `PAUSED`. It also returns after `_CALL_WORK`.
@@ -191,8 +182,7 @@ def run_segments(
     row_sizes = shaped(floats(run[CONTACT_SIZES]), (contacts, n))
     laws, gaps = shaped(floats(run[LAWS]), (contacts, 4)), shaped(floats(run[GAPS]), (contacts,))
     time, state = shaped(floats(run[TIME]), (1,)), shaped(floats(run[STATE]), (2, n))
-    modal, spare = shaped(floats(run[WORK_MODAL]), (4, n)), shaped(floats(run[WORK_SPARE]), (SPARE,))
-    room, event_room = run[SEGMENT_ROOM], run[EVENT_ROOM]
+    modal, room, event_room = shaped(floats(run[WORK_MODAL]), (4, n)), run[SEGMENT_ROOM], run[EVENT_ROOM]
     starts, durations = shaped(floats(run[STARTS]), (room,)), shaped(floats(run[DURATIONS]), (room,))
     statuses, all_gaps = shaped(integers(run[STATUSES]), (room,)), shaped(floats(run[SEGMENT_GAPS]), (room, contacts))
     displacements = shaped(floats(run[DISPLACEMENTS]), (room, n))
@@ -215,12 +205,12 @@ def run_segments(
         if row >= room or run[EVENTS] >= event_room:
             return FULL
         slot = table[slots[number, kind]]
-        count, pairs, m, own = slot[FUNCTIONS], slot[PAIRS], slot[BLOCKS], slot[OWN]
+        count, m, own = slot[FUNCTIONS], slot[BLOCKS], slot[OWN]
         if run[EVALUATIONS] - evaluated > _CALL_WORK // (m + EVALUATION_WORK):
             return PAUSED
         x, f = shaped(floats(run[WORK_X]), (SEARCH_ROWS, m)), shaped(floats(run[WORK_F]), (FUNCTION_ROWS, count))
         both, steady = shaped(floats(run[WORK_BOTH]), (3, 2 * own)), shaped(floats(slot[STEADY]), (2 * first, 2 * own))
-        event_rows = shaped(floats(slot[ROWS]), (count, 2, m))
+        event_rows = shaped(floats(slot[FUNCTION_OF]), (count, 2, m))
         owner, sign = shaped(integers(slot[OWNER]), (count,)), shaped(floats(slot[SIGN]), (count,))
         level = shaped(floats(slot[LEVEL]), (count,))
 
@@ -264,12 +254,8 @@ def run_segments(
                     for k in range(n):
                         size += row_sizes[owner[j], k] * abs(displacement[k])
             f[BEGINNING, j], f[CONSTANTS, j] = value, size
-        sizes, levels = shaped(floats(slot[SIZES]), (count, 2, m)), shaped(integers(slot[ENDS]), (slot[LEVELS],))
-        pair, gain = shaped(integers(slot[PAIR]), (pairs, 3)), shaped(floats(slot[GAIN]), (pairs, 4))
         duration = edges[interval + 1] - t
-        tau, evaluations = march(
-            x, f, event_rows, sizes, levels, pair, gain, run[RESPOND], group, first, slot[TAIL], t, duration, spare
-        )
+        tau = call(run[SEARCH], slot[TAKEN], x, 0, f, 0, t, duration)
         hit = -1
         for j in range(count):
             if f[HIT, j] != 0.0:
@@ -293,7 +279,7 @@ def run_segments(
             gaps[j] += inner(rows[j], moved) + offset
         time[0] = edges[interval + 1] if tau >= duration else t + tau
         run[SEGMENTS] = row + 1
-        run[EVALUATIONS] += evaluations
+        run[EVALUATIONS] += int(shaped(floats(slot[WORK]), (1,))[0])
         run[SWITCHED] = -1
         if hit == -1:
             continue

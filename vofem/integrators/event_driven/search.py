@@ -15,12 +15,15 @@ has a gap of exactly zero there.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.integrators.event_driven.blocks import add_from_rest, moved_at_once
 from vofem.integrators.event_driven.clusters import Group, group_change, group_rate
+from vofem.kernels.addresses import floats, integers, shaped
 from vofem.kernels.jit import borrowed, jit, plain_form
 from vofem.linalg.exponential import half_turns
 from vofem.linalg.oscillators import CRITICAL, DECAY, DELTA, DIVISOR, FAST, FREQUENCY, ROOT, SQUARE, decays
@@ -71,8 +74,15 @@ MOVED = _DZ
 #: those that reach zero at the event.
 BEGINNING, CONSTANTS, _VALUE, _SLOPE, _NOISE, _BELOW, HIT, FUNCTION_ROWS = range(8)
 
-#: Numbers of other work space.
+#: Numbers of other work space. The search leaves the number of its evaluations in the first.
 SPARE = 2 * (_ORDER + 1)
+
+#: What searches take of a linear piece: numbers of event functions, coupled pairs, levels, blocks, blocks of the
+#: structure, and blocks whose velocities enter (all, or those of the loads); the address of `respond`, see `Response`;
+#: and places of arrays, see `Blocks` and `Regime`: rows of the event functions over the blocks, and bounds on the terms
+#: that these are summed of (k, 2, m); work space; and those of `Group`, or 0.
+FUNCTIONS, PAIRS, LEVELS, BLOCKS, OWN, TAIL, RESPOND = range(7)
+PAIR, GAIN, ENDS, FUNCTION_OF, SIZES, WORK, MEMBER, MATRIX, SCALE, BOUNDS, TAKES = range(7, 18)
 
 
 @jit
@@ -489,32 +499,38 @@ def exact_cut(t: float, tau: float) -> float:
 
 
 @jit
-def march(
-    x: Array, f: Array, rows: Array, sizes: Array, levels: Integers, pair: Integers, gain: Array, address: int,
-    group: Group | None, loads: int, tail: int, t: float, duration: float, spare: Array,
-) -> tuple[float, int]:  # fmt: skip
+def _group_of(piece: Integers) -> Group | None:
+    """Return the group of a linear piece; pieces with groups are followed in plain Python only."""
+    return None
+
+
+@plain_form(_group_of)
+def _plain_group_of(piece: Integers) -> Group | None:
+    return Group(*(floats(place) for place in piece[MEMBER:TAKES].tolist())) if piece[MEMBER] else None
+
+
+@jit
+def march(place: int, p: Any, z: Any, t: float, duration: float) -> float:
     """Return the first time at which an event function becomes positive, and write changes and hits at this time.
 
-    `x` (shape (ROWS, m)): of the blocks; their description and their states at tau = 0 are given.
-    `f` (shape (FUNCTION_ROWS, k)): of the event functions, which are negative at tau = 0, or zero and falling. Values
-    and constants at tau = 0 are given.
-    `rows`, `sizes` (shape (k, 2, m)): the functions as rows over the blocks, and bounds on the terms of the sums that
-    they are.
-    `levels`: see `Regime`.
-    `pair`, `gain`: see `Blocks`.
-    `address`: of `respond`, see `Response`.
-    `loads`: number of blocks that are loads, the first ones.
-    `tail`: number of blocks whose velocities enter, the first ones: all, or those of the loads.
+    Kernels call it by its address: so it is compiled once, and not again as a part of each of them.
+
+    `place`: of what is taken of the linear piece, see `FUNCTIONS`.
+    `p`: the array of the blocks, shape (ROWS, m); their description and their states at tau = 0 are given.
+    `z`: that of the event functions, shape (FUNCTION_ROWS, k), which are negative at tau = 0, or zero and falling.
+    Values and constants at tau = 0 are given.
     `t`, `duration`: time of the run at tau = 0, and time from there at which the search ends, s.
-    `spare` (shape (SPARE,)): work space.
     Returns `tau`: time of the event in s. If there is no event, it is `duration`, or an earlier time after
-    `SEARCH_WORK`, at which t + tau is exact.
-    Returns `evaluations`: number of evaluations of the functions; without functions 0, and the changes are those after
-    `duration`.
+    `SEARCH_WORK`, at which t + tau is exact. The number of evaluations of the functions is left in the work space;
+    without functions it is 0, and the changes are those after `duration`.
     """
-    x, f, rows, sizes, levels = borrowed(x), borrowed(f), borrowed(rows), borrowed(sizes), borrowed(levels)
-    pair, gain, spare = borrowed(pair), borrowed(gain), borrowed(spare)
-    m, count, damped = x.shape[1], f.shape[1], 0.0
+    piece = shaped(integers(place), (TAKES,))
+    m, count, pairs, tail, address = piece[BLOCKS], piece[FUNCTIONS], piece[PAIRS], piece[TAIL], piece[RESPOND]
+    loads, group, damped = m - piece[OWN], _group_of(piece), 0.0
+    x, f = shaped(p, (ROWS, m)), shaped(z, (FUNCTION_ROWS, count))
+    rows, sizes = shaped(floats(piece[FUNCTION_OF]), (count, 2, m)), shaped(floats(piece[SIZES]), (count, 2, m))
+    pair, gain = shaped(integers(piece[PAIR]), (pairs, 3)), shaped(floats(piece[GAIN]), (pairs, 4))
+    levels, spare = shaped(integers(piece[ENDS]), (piece[LEVELS],)), shaped(floats(piece[WORK]), (SPARE,))
     # The last time at which each function was at or below zero. If a function is above zero within rounding, its root
     # lies before `before`.
     for j in range(count):
@@ -526,7 +542,8 @@ def march(
     longest = _prepare(duration, x, pair, gain, group)
     if count == 0:
         _evaluate(duration, x, f, rows, tail, damped, pair, gain, address, group, spare)
-        return duration, 0
+        spare[0] = 0.0
+        return duration
     evaluations, most = 0, SEARCH_WORK // (m + EVALUATION_WORK)
     short = 0.1 * _SHORT / quickest if quickest > 0.0 else np.inf
     tau, before = 0.0, 0.0
@@ -543,7 +560,8 @@ def march(
         if found:
             break
         if tau >= duration:
-            return duration, evaluations
+            spare[0] = evaluations
+            return duration
         for j in range(count):
             if f[_VALUE, j] <= 0.0:
                 f[_BELOW, j] = tau
@@ -551,7 +569,8 @@ def march(
             cut = exact_cut(t, tau)
             if cut != tau:
                 _evaluate(cut, x, f, rows, tail, damped, pair, gain, address, group, spare)
-            return cut, evaluations
+            spare[0] = evaluations
+            return cut
         allowed, again = min(duration - tau, longest), False
         while True:
             _fill_bounds(allowed, x, group)
@@ -611,4 +630,5 @@ def march(
         at_rest = _rate_is_rounding(j, compared, x, f, share)
         hit = abs(f[_VALUE, j]) <= f[_NOISE, j] and f[_SLOPE, j] > 0.0 and not at_rest
         f[HIT, j] = 1.0 if hit or j == winner else 0.0
-    return first, evaluations
+    spare[0] = evaluations
+    return first

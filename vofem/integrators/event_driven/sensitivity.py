@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from vofem.arrays import Array
 from vofem.integrators.event_driven.loop import from_blocks, to_blocks
 from vofem.integrators.event_driven.modal_space import ModalSpace
-from vofem.integrators.event_driven.table import BLOCKS, OF, Statuses
+from vofem.integrators.event_driven.search import BLOCKS
+from vofem.integrators.event_driven.table import OF, Statuses
 from vofem.integrators.event_driven.tangent import drifted
 from vofem.kernels.addresses import floats, shaped
 from vofem.kernels.jit import jit

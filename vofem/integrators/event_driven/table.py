@@ -5,30 +5,43 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.arrays import Array
+from vofem.integrators.event_driven.blocks import response
 from vofem.integrators.event_driven.regime import Regime
+from vofem.integrators.event_driven.search import SPARE, TAKES
 from vofem.kernels.addresses import place_of
 
 Integers = NDArray[np.int64]
 
-#: Columns of a table of linear pieces: numbers of event functions, coupled pairs, levels, blocks, blocks of the
-#: structure and blocks whose velocities enter; and places of arrays, see `Regime` and `Blocks`. Steady answers (2e, 2m)
-#: have a load in each row. Real modes (n, m) are 0 where they are those without contacts, maps (2m, 2m) from real modes
-#: to blocks and back where damping couples no modes, and the displacement (n,) that puts pinned contacts at their gaps
-#: where there are none.
-FUNCTIONS, PAIRS, LEVELS, BLOCKS, OWN, TAIL = range(6)
-OF, PAIR, GAIN, ENDS, ROWS, SIZES, SIGN, LEVEL, OWNER, LEADS, STEADY, MODES, INTO, OUT, SHIFT = range(6, 21)
-_COLUMNS = 21
+#: Columns of a table of linear pieces: those that searches take, and places of arrays, see `Regime`. Steady answers
+#: (2e, 2m) have a load in each row. Real modes (n, m) are 0 where they are those without contacts, maps (2m, 2m) from
+#: real modes to blocks and back where damping couples no modes, and the displacement (n,) that puts pinned contacts at
+#: their gaps where there are none. The last column is the place of what searches take.
+OF, SIGN, LEVEL, OWNER, LEADS, STEADY, MODES, INTO, OUT, SHIFT, TAKEN, _COLUMNS = range(TAKES, TAKES + 12)
 
 #: Memory of the arrays of a table above which it begins anew, bytes.
 _MOST_MEMORY = 128 * 2**20
 
 
+def searched(regime: Regime) -> tuple[Integers, Array, list[NDArray]]:
+    """Return what searches take of a linear piece, see `search.FUNCTIONS`; their work space; and arrays to keep."""
+    blocks, exits, m, work = regime.blocks, regime.exits, regime.blocks.of.shape[1], np.empty(SPARE)
+    given = [blocks.pair, blocks.gain, regime.levels, exits.rows, exits.sizes, work, *(blocks.group or ())]
+    kept = [np.ascontiguousarray(part) for part in given]
+    sizes = exits.sign.size, len(blocks.pair), regime.levels.size, m, m - regime.loads
+    tail = m if regime.mixed else regime.loads
+    taken = np.zeros(TAKES, dtype=np.int64)
+    numbers = [*sizes, tail, response(blocks.pair.size > 0).address, *map(place_of, kept)]
+    taken[: len(numbers)] = numbers
+    return taken, work, [taken, *kept]
+
+
 def _parts(regime: Regime) -> list[NDArray | None]:
-    """Return the arrays of a linear piece, in the order of the columns of a table."""
-    spectrum, blocks = regime.spectrum, regime.blocks
+    """Return the other arrays of a linear piece, in the order of the columns of a table."""
+    spectrum, exits = regime.spectrum, regime.exits
     mixed, real = spectrum.blocks, spectrum.real
     return [
-        blocks.of, blocks.pair, blocks.gain, regime.levels, *regime.exits, regime.answers.steady.T, real.modes,
+        regime.blocks.of, exits.sign, exits.level, exits.owner, exits.leads, regime.answers.steady.T, real.modes,
         None if mixed is None else mixed.into, None if mixed is None else mixed.out, real.shift,
     ]  # fmt: skip
 
@@ -58,16 +71,12 @@ class Statuses:
         if self._memory > _MOST_MEMORY:
             self.table, self._kept, self._memory = self.table[:0], [], 0
             self.slots[:] = -1
+        taken, _, kept = searched(regime)
         parts = [None if part is None else np.ascontiguousarray(part) for part in _parts(regime)]
-        self._kept += parts
-        self._memory += sum(0 if part is None else part.nbytes for part in parts)
-        m, loads = regime.blocks.of.shape[1], regime.loads
-        sizes = [
-            regime.exits.sign.size, regime.blocks.pair.shape[0], regime.levels.size, m, m - loads,
-            m if regime.mixed else loads,
-        ]  # fmt: skip
+        self._kept += [*kept, *parts]
+        self._memory += sum(0 if part is None else part.nbytes for part in (*kept, *parts))
         self.slots[number, kind] = len(self.table)
-        row = [*sizes, *(0 if part is None else place_of(part) for part in parts)]
+        row = [*taken, *(0 if part is None else place_of(part) for part in parts), place_of(taken)]
         self.table = np.concatenate([self.table, [row]])
 
     def make_room(self, statuses: int, functions: int = 0) -> None:

@@ -7,13 +7,13 @@ and search are the same.
 from __future__ import annotations
 
 from contextlib import nullcontext
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.arrays import Array
 from vofem.errors import EventStormError
-from vofem.integrators.event_driven.blocks import response
 from vofem.integrators.event_driven.bounces import REST, struck
 from vofem.integrators.event_driven.regime import Regime
 from vofem.integrators.event_driven.search import (
@@ -22,13 +22,15 @@ from vofem.integrators.event_driven.search import (
     FUNCTION_ROWS,
     HIT,
     ROWS,
-    SPARE,
     START,
     march,
 )
 from vofem.integrators.event_driven.sliding import SlidingSolution
 from vofem.integrators.event_driven.solution import EventSolution
+from vofem.integrators.event_driven.table import searched
 from vofem.integrators.event_driven.tangent import acceleration
+from vofem.kernels.addresses import called, place_of
+from vofem.kernels.jit import CompiledFunction
 from vofem.kernels.mode import kernels
 from vofem.laws.friction import UP
 from vofem.system import CLOSED, OPEN, PINNED
@@ -43,6 +45,9 @@ _ZERO = 1e-13
 
 #: Share of the time of a search within which an open contact is not told from one that rests at its gap.
 _NEAR = 1e-6
+
+#: Linear pieces that are kept as searches take them.
+_MOST_PIECES = 16
 
 
 class Walker:
@@ -63,6 +68,8 @@ class Walker:
         self._sliders = len(laws) if not isinstance(solution, SlidingSolution) else solution.contact_count
         # Sliders that have changed their status at the last event.
         self._triggered: set[int] = set()
+        # What searches take of linear pieces, by these.
+        self._pieces: dict[int, tuple[Regime, Status, Array, list[NDArray]]] = {}
         if solution.record.segments:
             assert solution.gaps_now is not None
             self._gaps = solution.gaps_now.copy()
@@ -140,16 +147,16 @@ class Walker:
         if leaving.any():
             # What leaves its stop without speed, as forces slowly change their signs, is not followed from nothing.
             level += np.where(leaving, self._forces()[exits.owner] * (_NEAR * duration) ** 2, 0.0)
-        blocks, first, m = regime.blocks, regime.loads, begin.shape[1]
-        x, f, spare = np.empty((ROWS, m)), np.empty((FUNCTION_ROWS, start.size)), np.empty(SPARE)
-        x[:START], x[START : START + 2] = blocks.of, begin
+        x, f = np.empty((ROWS, begin.shape[1])), np.empty((FUNCTION_ROWS, start.size))
+        x[:START], x[START : START + 2] = regime.blocks.of, begin
         f[BEGINNING], f[CONSTANTS] = start, level
-        tau, evaluations = march(
-            x, f, exits.rows, exits.sizes, regime.levels, blocks.pair, blocks.gain,
-            response(blocks.pair.size > 0).address, blocks.group, first, m if regime.mixed else first, self.time,
-            duration, spare,
-        )  # fmt: skip
-        self.solution.counters.gap_evaluations += evaluations * len(self._laws)
+        if id(regime) not in self._pieces:
+            if len(self._pieces) >= _MOST_PIECES:
+                self._pieces.clear()
+            self._pieces[id(regime)] = regime, *searched(regime)
+        _, piece, work, _ = self._pieces[id(regime)]
+        tau = called(cast(CompiledFunction, march), place_of(piece), x, f, self.time, duration)
+        self.solution.counters.gap_evaluations += int(work[0]) * len(self._laws)
         return tau, np.flatnonzero(f[HIT])
 
     def _start_sliders(self, regime: Regime, start: Array, level: Array, own: Status, duration: float) -> None:
