@@ -49,7 +49,7 @@ from vofem.integrators.stepping.reactions import (
 )
 from vofem.kernels.addresses import call
 from vofem.kernels.jit import borrowed, jit, plain_form
-from vofem.laws.law import FIRST, Laws, Way
+from vofem.laws.law import FIRST, FORCE, Laws, Way, ask
 from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.laws.springpot_steps import Springpots, begin_springpots, end_springpots
 from vofem.linalg.banded import solve, subtract_product
@@ -235,6 +235,8 @@ def advance(
         stride = rules.stride
     way, explicit, weight = numbers.way, numbers.way.explicit, numbers.part
     damped, shifted, past = damping.shape[0] > 0, shift.shape[0] > 0, laws.state.size > 0
+    # Whether forces are known before the acceleration, so that nothing is searched.
+    known = explicit and not dampers and rules is None
     if past:
         copy(chunk.past[0], laws.state)
     for k in range(chunk.q.shape[0] - 1):
@@ -250,8 +252,9 @@ def advance(
             _sum(q1, q1, dt * dt * numbers.cqa, a0)
             _sum(v1, v0, dt * numbers.cva, a0)
         for j in range(m):
-            u_before[j], before[j], last[j] = chunk.u[k, j], chunk.damper[k, j], chunk.reaction[k, j]
-            found[j], held[j] = last[j], 0.0
+            if not known:
+                u_before[j], before[j], last[j] = chunk.u[k, j], chunk.damper[k, j], chunk.reaction[k, j]
+                found[j], held[j] = last[j], 0.0
             if not mean:
                 base[j] = dot(rows, there + j, q1)
                 if drift is not None:
@@ -296,16 +299,20 @@ def advance(
                 for j in range(m):
                     if b < 1.0 and last[j] != 0.0 and kind[j] == ACTS:
                         subtract_row(rows, here + j, (1.0 - b) * last[j], right)
-            # Forces are known before the acceleration, or where those found are corrected.
-            known = explicit and not dampers and rules is None
-            if m > 0 and (known or turned):
+            if turned:
                 copy(base, y)
                 if not np.isfinite(call(reactions.laws, place, y, 0, y, 0, FORCES_AT, 0.0)):
                     return k, solves
-            for j in range(m):
-                if known or turned:
-                    found[j] = asked[j]
-                if known or solved:
+                copy(asked, found)
+            if known:
+                for j in range(m):
+                    found[j] = ask(laws, j, FORCE, base[j], base[j])
+                    if not np.isfinite(found[j]):
+                        return k, solves
+                    if found[j] != 0.0:
+                        subtract_row(rows, j, found[j], right)
+            elif solved:
+                for j in range(m):
                     held[j] = found[j]
                     _pull(rows, here, there, j, kind[j], mean, b, weight * found[j], right)
             copy(right, x)
