@@ -87,7 +87,7 @@ def test_forces_are_those_of_the_exact_motion():
 
 
 #: End of the runs of this beam, s. By then it has hit its stop twice.
-T_END = 1.5
+T_END = 0.9
 STEP = {"energy_conserving": 2e-3, "generalized_alpha": 1e-3, "central_difference": 4e-4}
 
 
