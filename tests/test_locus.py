@@ -167,7 +167,7 @@ def test_a_locus_is_saved_loaded_and_drawn(between_flips, tmp_path):
     assert "turn" in repr(again)
     with pytest.raises(ArgumentError, match="holds a locus"):
         vf.load(tmp_path / "locus.h5", scene=damped(3.0, 1.2))
-    with pytest.raises(ArgumentError, match="expected what vf.locus returns"):
+    with pytest.raises(ArgumentError, match="expected what vf"):
         plot.locus([])
 
 

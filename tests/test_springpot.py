@@ -385,10 +385,10 @@ def test_tolerance_with_rejected_steps_keeps_the_balance():
         vf.Springpot(mass, coefficient=0.5, order=lambda t: 0.5 + 0.4 * np.sin(t), name="s"),
         vf.Contact(mass, gap=0.2, stiffness=1e4, side="above", acts_on="penetration"),
     ]
-    result = vf.simulate(vf.Scene([mass], effects, {mass: (0.0, 1.0)}), 2.0, tol=1e-4, times=[0.0, 1.0, 2.0])
+    result = vf.simulate(vf.Scene([mass], effects, {mass: (0.0, 1.0)}), 1.0, tol=1e-4, times=[0.0, 0.5, 1.0])
     assert result.counters.rejected > 0
     assert result.energy.balance_error < 1e-11
-    fixed = vf.simulate(vf.Scene([mass], effects, {mass: (0.0, 1.0)}), 2.0, dt=1e-3, times=[0.0, 1.0, 2.0])
+    fixed = vf.simulate(vf.Scene([mass], effects, {mass: (0.0, 1.0)}), 1.0, dt=1e-3, times=[0.0, 0.5, 1.0])
     assert result.displacement(mass) == pytest.approx(fixed.displacement(mass), abs=1e-4)
 
 
