@@ -87,7 +87,7 @@ def test_forces_are_those_of_the_exact_motion():
 
 
 #: End of the runs of this beam, s. By then it has hit its stop twice.
-T_END = 1.5
+T_END = 0.9
 STEP = {"energy_conserving": 2e-3, "generalized_alpha": 1e-3, "central_difference": 4e-4}
 
 
@@ -385,10 +385,10 @@ def test_tolerance_with_rejected_steps_keeps_the_balance():
         vf.Springpot(mass, coefficient=0.5, order=lambda t: 0.5 + 0.4 * np.sin(t), name="s"),
         vf.Contact(mass, gap=0.2, stiffness=1e4, side="above", acts_on="penetration"),
     ]
-    result = vf.simulate(vf.Scene([mass], effects, {mass: (0.0, 1.0)}), 2.0, tol=1e-4, times=[0.0, 1.0, 2.0])
+    result = vf.simulate(vf.Scene([mass], effects, {mass: (0.0, 1.0)}), 1.0, tol=1e-4, times=[0.0, 0.5, 1.0])
     assert result.counters.rejected > 0
     assert result.energy.balance_error < 1e-11
-    fixed = vf.simulate(vf.Scene([mass], effects, {mass: (0.0, 1.0)}), 2.0, dt=1e-3, times=[0.0, 1.0, 2.0])
+    fixed = vf.simulate(vf.Scene([mass], effects, {mass: (0.0, 1.0)}), 1.0, dt=1e-3, times=[0.0, 0.5, 1.0])
     assert result.displacement(mass) == pytest.approx(fixed.displacement(mass), abs=1e-4)
 
 
