@@ -18,7 +18,6 @@ from vofem.io.scenes.scene_text import scene_to_toml as scene_to_toml
 from vofem.io.scenes.settings import OutputSettings as OutputSettings
 from vofem.io.scenes.settings import RespondSettings
 from vofem.io.scenes.settings import RunSettings as RunSettings
-from vofem.io.scenes.settings import UniformTimes as UniformTimes
 from vofem.parameters import changed
 from vofem.parameters.place import Book, Place
 from vofem.result import Result
