@@ -162,7 +162,7 @@ def test_a_locus_is_saved_loaded_and_drawn(flips, tmp_path):
     assert "turn" in repr(again)
     with pytest.raises(ArgumentError, match="holds a locus"):
         vf.load(tmp_path / "locus.h5", scene=damped(3.0, 1.2))
-    with pytest.raises(ArgumentError, match="one or more loci"):
+    with pytest.raises(ArgumentError, match=r"expected what vf\.locus returns"):
         plot.locus([])
 
 

@@ -13,7 +13,7 @@ from vofem.arrays import Array
 from vofem.kernels.jit import jit
 from vofem.laws.group import LawGroup, ListedLaws
 from vofem.laws.hysteretic import HystereticLaws, jenkins
-from vofem.laws.law import COMMIT, FORCE, KINK, MEAN, STORED, TANGENT, Law
+from vofem.laws.law import COMMIT, FORCE, KINK, MEAN, MEAN_TANGENT, STORED, TANGENT, Law
 
 if TYPE_CHECKING:
     from vofem.time_functions import TimeFunction
@@ -210,13 +210,17 @@ def slider(what: int, p: Any, z: Any, u0: float, u1: float) -> float:
         return 0.5 * k * end * end
     if what == COMMIT:
         z[0], z[1], z[2] = u1, end, 1.0 if sticks else 0.0
-    if what == MEAN:
+    if what in (MEAN, MEAN_TANGENT):
         if sticks:
-            return k * (begin + 0.5 * way)
+            return 0.5 * k if what == MEAN_TANGENT else k * (begin + 0.5 * way)
         # The part of the path on which the spring stretches, up to the friction force at that time.
         rise, low = hard * (p[4] - p[3]) / k, hard * p[3] / k
         room = side * way - rise
         part = min(max((low - side * begin) / room, 0.0), 1.0) if room > 0.0 else 0.0
+        if what == MEAN_TANGENT:
+            # At break-away the force falls, and a longer path breaks away earlier.
+            falls = (hard - p[0]) * (p[3] + part * (p[4] - p[3])) / room if 0.0 < part < 1.0 else 0.0
+            return part * (0.5 * k * part - falls)
         middle = p[3] + 0.5 * (1.0 + part) * (p[4] - p[3])
         return k * part * (begin + 0.5 * part * way) + side * (1.0 - part) * p[0] * middle
     return 0.0

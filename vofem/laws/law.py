@@ -5,17 +5,18 @@ The function is ``function(what, p, z, u0, u1) -> float``, decorated with `vofem
 parameters p and its internal variables z by indices only. The path from u0 to u1 is monotone, and z belongs to u0. A
 law answers these questions:
 
-========= ==============================================================================================
-FORCE     force at u1, N; u0 is u1, as it is for all questions but MEAN and DAMPING
-TANGENT   its derivative by u1, N/m
-DAMPING   force over rate, N s/m: the mean over the path, or at u1 where u0 is u1; 0 of laws without damper
-MEAN      mean force over the path without the damper, N: its work over its length
-STORED    recoverable energy at u1, J
-LOSS      energy dissipated on the path to u1, J; 0 of laws without internal variables
-COMMIT    anything; changes z to the internal variables at u1. No other question changes z
-KINK      place number u1, from 0, at which force or tangent jumps, m; NaN beyond the last one
-JUMP      jump of the force at the first kink, N
-========= ==============================================================================================
+============ ==============================================================================================
+FORCE        force at u1, N; u0 is u1, as it is for all questions but the means
+TANGENT      its derivative by u1, N/m
+DAMPING      force over rate, N s/m: the mean over the path, or at u1 where u0 is u1; 0 of laws without damper
+MEAN         mean force over the path without the damper, N: its work over its length
+STORED       recoverable energy at u1, J
+LOSS         energy dissipated on the path to u1, J; 0 of laws without internal variables
+COMMIT       anything; changes z to the internal variables at u1. No other question changes z
+KINK         place number u1, from 0, at which force or tangent jumps, m; NaN beyond the last one
+JUMP         jump of the force at the first kink, N
+MEAN_TANGENT derivative of MEAN by u1, N/m; asked only of laws to which the normal force over a step is told
+============ ==============================================================================================
 
 The mean force is the discrete gradient of the law's potential, so a step that uses it conserves energy whatever its
 size. Loops call a law through its address: they contain no formulas of laws, and are compiled once for all laws.
@@ -35,7 +36,7 @@ from vofem.kernels.addresses import address_of, call
 from vofem.kernels.jit import CompiledFunction, jit
 from vofem.kernels.mode import compiled
 
-FORCE, TANGENT, DAMPING, MEAN, STORED, LOSS, COMMIT, KINK, JUMP = range(9)
+FORCE, TANGENT, DAMPING, MEAN, STORED, LOSS, COMMIT, KINK, JUMP, MEAN_TANGENT = range(10)
 
 Function = Callable[[int, Any, Any, float, float], float]
 

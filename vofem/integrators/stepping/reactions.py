@@ -30,7 +30,20 @@ from numpy.typing import NDArray
 from vofem.arrays import Array
 from vofem.kernels.addresses import address_of, call, floats, integers, place_of, shaped
 from vofem.kernels.jit import CompiledFunction, jit, plain_form
-from vofem.laws.law import END, FIRST, FORCE, START, Laws, Way, ask, commit_law, damper_over, force_over, slope_over
+from vofem.laws.law import (
+    END,
+    FIRST,
+    FORCE,
+    MEAN_TANGENT,
+    START,
+    Laws,
+    Way,
+    ask,
+    commit_law,
+    damper_over,
+    force_over,
+    slope_over,
+)
 from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.linalg.banded import factor_in_place, solve
 from vofem.linalg.vectors import copy, fill
@@ -156,7 +169,8 @@ def _ask_laws(place: int, p: Any, z: Any, question: float, part: float) -> float
                 commit_law(laws, j, y)
             continue
         if question == ALONG:
-            if kind == ACTS and w[MOVE, j] != 0.0:
+            # A law that knows its normal force has no part in the convex function.
+            if kind == ACTS and not whole[SPRUNG, j] and w[MOVE, j] != 0.0:
                 y += part * w[MOVE, j]
                 force = force_over(laws, j, way, u0, w[BASE, j] if explicit else y, y, w[BEFORE, j])
                 answer += w[MOVE, j] * (force - w[FOUND, j] - part * w[STEP, j])
@@ -177,7 +191,9 @@ def _ask_laws(place: int, p: Any, z: Any, question: float, part: float) -> float
                 laws.parameters[at_first] = max(w[FOUND, presses] - 0.5 * rise, 0.0)
                 laws.parameters[at_first + 1] = max(w[FOUND, presses] + 0.5 * rise, 0.0)
             force = force_over(laws, j, way, u0, u1, y, w[BEFORE, j])
-            slope = slope_over(laws, j, way, u0, u1, force)
+            # The mean force of a law that knows the normal force is no work over a length.
+            own = mean and whole[SPRUNG, j]
+            slope = ask(laws, j, MEAN_TANGENT, u0, u1) if own else slope_over(laws, j, way, u0, u1, force)
         elif kind == HOLDS:
             force, slope = w[FOUND, j] + y - w[TARGET, j], 1.0
         elif kind == PUSHES:
@@ -256,7 +272,7 @@ def _react(place: int, p: Any, z: Any, question: float, unused: float) -> float:
             # In a law much stiffer than the structure, the rounding of u may be the largest error of its force.
             noise = 4.0 * _EPS * (abs(w[FORCES, j]) + abs(w[FOUND, j]) + w[SLOPE, j] * w[SIZE, j])
             still, rounded = still and abs(w[MOVE, j]) <= 4.0 * _EPS * w[SIZE, j], rounded and abs(change) <= noise
-            if whole[KIND, j] == ACTS:
+            if whole[KIND, j] == ACTS and not whole[SPRUNG, j]:
                 start += w[MOVE, j] * change
         settled = still or (explicit and alone) or (placed and off <= demand * size)
         settled = settled or (rounded and step >= _PATIENCE)

@@ -149,8 +149,8 @@ class SignatureEvaluation:
         heights = [(e.contact, abs(e.height)) for e in self.extremes]
         for p, k in self.chart.touches:
             contact, time = self.chart.switches[p].contact, float(path.durations[p + 1 : k + 1].sum())
-            height = 0.25 * time * float(rows[contact] @ path.ends[p, n:])
-            heights.append((contact, abs(height) / float(self.size_of([contact])[0])))
+            rate = float(rows[contact] @ path.ends[p, n:])
+            heights.append((contact, 0.25 * abs(time * rate) / float(self.size_of(contact))))
         jumps = laws.jump & (laws.gap != 0.0)
         return next((laws.names[j] for j, height in heights if jumps[j] and height <= _GRAZED), "")
 
