@@ -108,6 +108,9 @@ CASES = [
     (lambda: vf.modes(scene()[1], 0), "expected a whole number, 1 or more"),
     (lambda: vf.modes(scene()[1], 2, closed=["stop"]), "no contact is named 'stop'"),
     (lambda: vf.equilibrium(scene()[1], t=NAN), "NaN"),
+    (lambda: vf.dump_scene(scene()[1], "scene.json"), "expected a name that ends in '.toml'"),
+    (lambda: vf.simulate(vf.Scene([m := vf.Mass(1.0)], [vf.RigidStop(m, gap=1.0, restitution=0.5, side="above")]), 1.0,
+                         dt=0.1), "leave dt out: no method with steps treats the scene"),
 ]  # fmt: skip
 
 
@@ -259,8 +262,15 @@ def test_resolved_switch_and_event_driven():
     stop = vf.Contact(
         m, gap=1.0, stiffness=1.0, side="above", acts_on="penetration", switch=vf.Resolved(100.0), name="soft"
     )
+    scene = vf.Scene([m], [stop])
     with pytest.raises(vf.MethodError, match="Contact 'soft' has a resolved switch"):
-        vf.simulate(vf.Scene([m], [stop]), 1.0, method="event_driven")
+        vf.simulate(scene, 1.0, method="event_driven")
+    for name, study in (
+        ("backbone", lambda: vf.backbone(scene, 1, [1.0])),
+        ("lyapunov", lambda: vf.lyapunov(scene, 1.0)),
+    ):
+        with pytest.raises(vf.MethodError, match=f"^{name} needs what .*: Contact 'soft' .* needs switch='ideal'$"):
+            study()
 
 
 def test_names_in_results():

@@ -14,8 +14,9 @@ from scenes import cantilever, paper_beam
 
 import vofem as vf
 from vofem.files import toml_text
-from vofem.io.scene_file import OutputSettings, RunSettings, UniformTimes, scene_to_toml
+from vofem.io.scene_file import OutputSettings, RunSettings, scene_to_toml
 from vofem.io.scenes.schema import BODIES, EFFECTS, json_schema, keys, read_table
+from vofem.io.scenes.settings import UniformTimes
 from vofem.parameters import Real, declarations
 from vofem.parameters.place import Book, Place
 from vofem.time_functions import OfTime, Scaled, Sum

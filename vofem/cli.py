@@ -674,7 +674,8 @@ def _add_compile(commands: Commands) -> None:
 
 
 def _compile(arguments: argparse.Namespace) -> int:
-    from vofem.simulate.ahead import KINDS, cache_folder, compile_ahead
+    from vofem.kernels.cache import cache_folder
+    from vofem.simulate.ahead import KINDS, compile_ahead
 
     folder = cache_folder()
     if folder is None:

@@ -73,11 +73,11 @@ def history_columns(run: Tabulated, points: dict[str, Any]) -> dict[str, tuple[N
     return columns
 
 
-def dataframe_of(run: Tabulated, points: Any, what: str = "to_dataframe") -> Any:
+def dataframe_of(run: Tabulated, points: Any) -> Any:
     """Return histories as a `pandas.DataFrame`; see `vofem.Result.to_dataframe`."""
     import pandas
 
-    columns = history_columns(run, named_points(what, run.scene, points))
+    columns = history_columns(run, named_points("to_dataframe", run.scene, points))
     for name in ENERGIES:
         columns[f"{name} energy"] = getattr(run.energy, name), "J"
     values = {f"{name} [{unit}]": part for name, (part, unit) in columns.items()}

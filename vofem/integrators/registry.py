@@ -7,7 +7,6 @@ studies of accuracy, the catalogue of verification and the command line know it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 from vofem.errors import ArgumentError
@@ -71,7 +70,7 @@ def ranked() -> list[Method]:
 
 
 def advice(system: System | None = None, **flags: bool) -> str:
-    """Return how a message names the methods with some flags, such as ``method='event_driven'``.
+    """Return how a message names the methods with some flags: ``method='a', 'b' or 'c'``; empty where there is none.
 
     Methods that are made for one law are left out, unless ``special=True`` asks for them.
 
@@ -86,12 +85,7 @@ def advice(system: System | None = None, **flags: bool) -> str:
     found = [name for name, method in _METHODS.items() if all(getattr(method, flag) == flags[flag] for flag in flags)]
     if system is not None:
         found = [name for name in found if _METHODS[name].refusal(system) is None]
-    return spelled(found)
-
-
-def spelled(names: Iterable[Any]) -> str:
-    """Return names of methods as an argument: ``method='a', 'b' or 'c'``."""
-    quoted = [repr(name) for name in names]
-    if not quoted:
-        return "another method"
+    if not found:
+        return ""
+    quoted = [repr(name) for name in found]
     return f"method={' or '.join(filter(None, (', '.join(quoted[:-1]), quoted[-1])))}"

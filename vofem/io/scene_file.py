@@ -11,14 +11,13 @@ from typing import Any
 
 from vofem._validate import nearest
 from vofem.effects.kinds import AtPoint
-from vofem.errors import ArgumentError, OutputError, SceneFileError
-from vofem.files.whole import impossible, replacing
+from vofem.errors import ArgumentError, SceneFileError
+from vofem.files.whole import replacing, target
 from vofem.io.scenes.scene_text import read_respond, read_tables
 from vofem.io.scenes.scene_text import scene_to_toml as scene_to_toml
 from vofem.io.scenes.settings import OutputSettings as OutputSettings
 from vofem.io.scenes.settings import RespondSettings
 from vofem.io.scenes.settings import RunSettings as RunSettings
-from vofem.io.scenes.settings import UniformTimes as UniformTimes
 from vofem.parameters import changed
 from vofem.parameters.place import Book, Place
 from vofem.result import Result
@@ -144,6 +143,7 @@ def dump_scene(
     ----------
     scene : Scene
     path : path
+        The file, which ends in .toml.
     run : RunSettings, optional
     output : OutputSettings, optional
     respond : RespondSettings, optional
@@ -157,16 +157,15 @@ def dump_scene(
 
     Raises
     ------
+    ArgumentError
+        If the path has another suffix.
     SceneFileError
         If the scene contains something that a scene file cannot hold, such as a Python function, or if no number
         stands where `respond` says.
     OutputError
         If the file cannot be written.
     """
-    file = _path(path)
-    fault = impossible(file)
-    if fault is not None:
-        raise OutputError(f"path is {str(path)!r}, which {fault}; give another name")
+    file = target(path, (".toml",))
     text = scene_to_toml(scene, run, output, file.parent, respond)
     with replacing(file) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")

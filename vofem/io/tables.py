@@ -88,12 +88,12 @@ def _number(value: float, width: int = 14) -> str:
     return f"{value:{width}.6g}" if np.isfinite(value) else f"{'-':>{width}}"
 
 
-def energy_table(result: Result, rows: int = 6) -> str:
-    """Return energies at some of the run's times, evenly spaced, and the error of their balance."""
+def energy_table(result: Result) -> str:
+    """Return energies at six of the run's times, evenly spaced, and the error of their balance."""
     energy = result.energy
     names = ("kinetic", "strain", "contact", "dissipated", "work")
     lines = [f"{'t [s]':>9}" + "".join(f"   {name + ' [J]':>14}" for name in names)]
-    wanted = np.linspace(result.times[0], result.times[-1], rows)
+    wanted = np.linspace(result.times[0], result.times[-1], 6)
     for i in np.unique([int(np.argmin(np.abs(result.times - t))) for t in wanted]):
         values = "".join(f"   {getattr(energy, name)[i]:14.4e}" for name in names)
         lines.append(f"{result.times[i]:9.4g}{values}")

@@ -9,7 +9,6 @@ schema, copies with changed values, and what is stored.
 from vofem.parameters.declared import CHOSEN as CHOSEN
 from vofem.parameters.declared import Declaration as Declaration
 from vofem.parameters.declared import OneOf as OneOf
-from vofem.parameters.declared import automatic_name as automatic_name
 from vofem.parameters.declared import content_of as content_of
 from vofem.parameters.declared import declarations as declarations
 from vofem.parameters.declared import declared as declared

@@ -194,7 +194,7 @@ class Forward:
             found = Closed(flow.basis, segment)
             if last or self._pins(index):
                 # The state at the end is not stored, or pinning changed it: the run itself is asked.
-                z, v = self._sampled(float(self.segments.starts[index]) + duration, index, last)
+                z, v = self._sampled(float(self.segments.starts[index]) + duration, last)
                 segment = segment._replace(end=np.concatenate([self.modal.scale * z, v]))
                 found = Closed(flow.basis, segment)
             if found.good:
@@ -207,7 +207,7 @@ class Forward:
         status = self.segments.status
         return bool(np.any((status[index + 1] == PINNED) & (status[index] != PINNED)))
 
-    def _sampled(self, t: float, index: int, last: bool) -> tuple[Array, Array]:
+    def _sampled(self, t: float, last: bool) -> tuple[Array, Array]:
         if not last:
             # Displacements are continuous; the velocity before pinning is that of the free motion.
             t = float(np.nextafter(t, -np.inf))

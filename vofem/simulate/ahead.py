@@ -25,7 +25,7 @@ from vofem.effects import (
     Springpot,
 )
 from vofem.integrators.methods import ENERGY_CONSERVING, EVENT_DRIVEN
-from vofem.kernels.cache import cache_folder, keep_kind, kinds_on_disk
+from vofem.kernels.cache import keep_kind
 from vofem.kernels.mode import kernels
 from vofem.scene import Scene
 from vofem.simulate.simulation import simulate
@@ -158,6 +158,3 @@ def compile_ahead() -> Iterator[tuple[str, float]]:
             work()
         keep_kind(kind)
         yield kind, time.perf_counter() - begun
-
-
-__all__ = ["KINDS", "cache_folder", "compile_ahead", "kinds_on_disk"]

@@ -72,9 +72,10 @@ def checked_plan(
         if dt is not None:
             if method != "auto":
                 raise ArgumentError(f"simulate: dt was given, but {chosen} has no step; leave it out")
+            others = advice(system, steps=True)
+            cure = f"leave dt out, or use {others}" if others else "leave dt out: no method with steps treats the scene"
             raise ArgumentError(
-                f"simulate: dt was given, but method='auto' takes {chosen} for this scene, which has no step; leave "
-                f"dt out, or use {advice(system, steps=True)}"
+                f"simulate: dt was given, but method='auto' takes {chosen} for this scene, which has no step; {cure}"
             )
         wanted = np.linspace(0.0, t_end, 1001) if wanted is None else wanted
     if tol is not None:

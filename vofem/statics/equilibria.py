@@ -48,11 +48,7 @@ def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
 def _equilibrium(scene: Scene, t: float) -> Equilibrium:
     model = scene.model
     system = model.system
-    refuse_travelling("equilibrium", system)
-    for group in system.laws:
-        reason = group.statics_refusal(path=False)
-        if reason is not None:
-            raise ArgumentError(reason)
+    _refuse("equilibrium", system, path=False)
     force = system.force(t)
     if not any(group.static for group in system.laws):
         check_held(model, None)
@@ -77,6 +73,15 @@ def _equilibrium(scene: Scene, t: float) -> Equilibrium:
         for j, name in enumerate(laws.names):
             contacts[name] = StaticContact(float(reaction[j]), names[int(status[j])], float(solver.u[j] - laws.gap[j]))
     return Equilibrium(model, q, contacts, solver.iterations, scene.effects, t)
+
+
+def _refuse(what: str, system: System, path: bool) -> None:
+    """Raise where statics cannot treat a system, alone or along a load path."""
+    refuse_travelling(what, system)
+    for group in system.laws:
+        reason = group.statics_refusal(path)
+        if reason is not None:
+            raise ArgumentError(reason)
 
 
 #: A spring that bears more than this fraction of its limit load has reached it.
@@ -120,11 +125,7 @@ def quasi_static(scene: Scene, load_factors: ArrayLike) -> QuasiStatic:
         raise ArgumentError(f"quasi_static: load_factors has shape {factors.shape}, expected a list of numbers")
     model = as_scene("quasi_static", scene).model
     system = model.system
-    refuse_travelling("quasi_static", system)
-    for group in system.laws:
-        reason = group.statics_refusal(path=True)
-        if reason is not None:
-            raise ArgumentError(reason)
+    _refuse("quasi_static", system, path=True)
     force = system.force(0.0)
     if not np.any(force):
         what = f"the loads, {system.loads[0].name} first, are zero" if system.loads else "the scene has no loads"

@@ -58,9 +58,9 @@ STATUS, INTERVAL, SWITCHED, SEGMENTS, EVENTS, EVALUATIONS, LEFT, FUNCTION = rang
 #: contacts (e or 0), rows of the record for segments and for events; and the address of `march`.
 MODES_OF_RUN, CONTACTS, LOADS, INTERVALS, DRIFTING, SEGMENT_ROOM, EVENT_ROOM, SEARCH = range(8, 16)
 
-#: Then places of arrays: of the loads, see `Exosystem` and `Regime.drift`; of the contacts their rows (c, n), bounds on
-#: the terms that these are summed of, and `LAWS`; the time that has been reached (1,), the modal state (2, n) and the
-#: gap functions (c,); the arrays of the record, see `Buffers`; and work space.
+#: Then places of arrays: of the loads, see `Exosystem` and `EventSolution.drift`; of the contacts their rows (c, n),
+#: bounds on the terms that these are summed of, and `LAWS`; the time that has been reached (1,), the modal state (2, n)
+#: and the gap functions (c,); the arrays of the record, see `Buffers`; and work space.
 EDGES, STATES, KINDS, OMEGA, BEND, DRIFT, CONTACT_ROWS, CONTACT_SIZES, LAWS, TIME, STATE, GAPS = range(16, 28)
 STARTS, DURATIONS, STATUSES, DISPLACEMENTS, VELOCITIES, SEGMENT_GAPS = range(28, 34)
 EVENT_TIME, EVENT_CONTACT, EVENT_STATUS, WORK_X, WORK_F, WORK_MODAL, WORK_BOTH, NUMBERS = range(34, 42)

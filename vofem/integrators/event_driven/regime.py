@@ -521,7 +521,7 @@ def _with_sliders(regime: Regime, exits: Exits) -> Exits:
     sizes = np.abs(speeds)
     sizes[:, 0, e:], sizes[:, 1, e:] = spectrum.sizes(np.zeros_like(bounds), bounds)
     own, own_sizes = regime._quantities, regime._sizes
-    more = sliders.exits(base.status, sliding.pushes, own[:c], (speeds, sizes), (own[c:], own_sizes[c:]), own_sizes[:c])
+    more = sliders.exits(base.status, own[:c], (speeds, sizes), (own[c:], own_sizes[c:]), own_sizes[:c])
     kept, none = exits.owner < first, np.zeros(len(more.owner))
     return Exits(
         np.concatenate([exits.rows[kept], more.rows]),

@@ -48,11 +48,18 @@ MOST_EVENTS = 1_000_000
 
 def refusal(system: System) -> str | None:
     """Return why this method cannot treat the system and what can, or None."""
+    found = obstacle(system)
+    return None if found is None else ". ".join(filter(None, found))
+
+
+def obstacle(system: System) -> tuple[str, str] | None:
+    """Return why this method cannot treat the system, with changes that help, and what other methods can; or None."""
     sliders, contacts = system.sliders, system.contacts
     if sliders is not None and contacts is not None and (contacts.moving is not None or np.any(contacts.jump)):
         return (
             f"{sliders.labels[0]} acts beside contacts that stand in space or act on the displacement, which "
-            f"{EVENT_DRIVEN.name} does not treat together; use acts_on='penetration' and stops that stand on the base"
+            f"{EVENT_DRIVEN.name} does not treat together; use acts_on='penetration' and stops that stand on the base",
+            "",
         )
     for group in system.laws:
         reason = group.nonlinearity(EVENT_DRIVEN.name)
@@ -60,31 +67,30 @@ def refusal(system: System) -> str | None:
             reason = f"{group.labels[0]} is no contact, and {EVENT_DRIVEN.name} takes no other laws"
         if reason is not None:
             way = {"special": True} if group.driven is not None else {"steps": True}
-            return f"{reason}. Use {advice(system, **way)}"
+            others = advice(system, **way)
+            return reason, others and f"Use {others}"
     for load in system.loads:
         if not load.function.closed_form:
-            obstacle = getattr(load.function, "obstacle", "")
-            if obstacle:
-                return (
-                    f"{load.name} has no closed form, which {EVENT_DRIVEN.name} needs: {obstacle}. Use "
-                    f"{advice(conserves=True)}"
-                )
+            why = f"{load.name} has no closed form, which {EVENT_DRIVEN.name} needs"
+            if known := getattr(load.function, "obstacle", ""):
+                return f"{why}: {known}", f"Use {advice(conserves=True)}"
             return (
-                f"{load.name} has no closed form, which {EVENT_DRIVEN.name} needs. Ways out: write it with Sine, Ramp, "
-                "Pulse, Tabulated and their sums; approximate it, vf.Approximated(f, t_end, tolerance); or "
-                f"choose {advice(conserves=True)}"
+                f"{why}. Ways out: write it with Sine, Ramp, Pulse, Tabulated and their sums; or approximate it, "
+                "vf.Approximated(f, t_end, tolerance)",
+                f"Or choose {advice(conserves=True)}",
             )
     if system.size > MOST_UNKNOWNS and too_many_inputs(system) is not None:
         return _too_large(system)
     return None
 
 
-def _too_large(system: System) -> str:
+def _too_large(system: System) -> tuple[str, str]:
     why = too_many_inputs(system)
     more, cure = ("", "leave truncation= out") if why is None else (f", and its {why}", "use fewer contacts")
     return (
         f"the system has {system.size} degrees of freedom, {EVENT_DRIVEN.name} takes at most "
-        f"{MOST_UNKNOWNS} with all modes{more}. Use fewer elements, {cure}, or choose {advice(conserves=True)}"
+        f"{MOST_UNKNOWNS} with all modes{more}. Use fewer elements, or {cure}",
+        f"Or choose {advice(conserves=True)}",
     )
 
 
@@ -141,7 +147,7 @@ def run(
             truncated.notes += loads_by_values(system, t_end)
             return truncated
     if system.size > MOST_UNKNOWNS:
-        raise MethodError(_too_large(system))
+        raise MethodError(". ".join(_too_large(system)))
     solution = _follow(system, start, t_end, times, max_events, pin_fraction, observer, resume)
     solution.notes += loads_by_values(system, t_end)
     if system.size > _LOSSY or graded(system):

@@ -186,7 +186,7 @@ class Sliders:
         return Pushes(sources, rates, carried, reaction, anchors)
 
     def exits(
-        self, status: Integers, pushes: Pushes, coordinates: Array, velocities: tuple[Array, Array],
+        self, status: Integers, coordinates: Array, velocities: tuple[Array, Array],
         reaction: tuple[Array, Array] | None, sizes: Array,
     ) -> Exits:  # fmt: skip
         """Return the functions that reach zero where a slider changes its status.

@@ -260,7 +260,7 @@ class EventSolution:
         return np.zeros((len(self.space.contacts), 1)) if self.moving is None else self.moving.at(times)
 
     def drift(self) -> Array:
-        """Return the factors with which loads enter the contacts' coordinates, see `loop.Loads`."""
+        """Return the factors with which loads enter the contacts' coordinates, shape (kinds, contacts, loads or 0)."""
         kinds, c = len(self.exosystem.omega), len(self.space.contacts)
         if self.moving is None:
             return np.zeros((kinds, c, 0))

@@ -30,7 +30,8 @@ def follows_the_force(system: System) -> str | None:
     """Return why methods that step in time cannot treat the law that is printed in the paper; None without one."""
     if system.driven is None:
         return None
+    others = advice(system, special=True)
     return (
         f"{system.driven.label} with memory='printed' is Eq. 22, which the applied force drives; "
-        f"{advice(system, special=True)} follows it, and methods that step in time take memory='cyclic'"
+        f"{others and f'{others} follows it, and '}methods that step in time take memory='cyclic'"
     )

@@ -78,7 +78,7 @@ class Run:
         if system.sliders is not None:
             from vofem.integrators.stepping.sliding import Sliders
 
-            self.sliders = Sliders(system, self.laws, self.rows, q, v)
+            self.sliders = Sliders(system, self.laws, self.rows, v)
         self.guides = None
         if self.movement is not None or self.sliders is not None:
             self.guides = Guides(structure, self.laws, self.sliders)

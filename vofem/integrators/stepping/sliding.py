@@ -83,7 +83,7 @@ class Sliders:
     `turns`: time, slider, and 0 where sliding ends, 1 where sticking ends.
     """
 
-    def __init__(self, system: System, laws: LawSet, rows: Any, q: Array, v: Array) -> None:
+    def __init__(self, system: System, laws: LawSet, rows: Any, v: Array) -> None:
         group = system.sliders
         assert group is not None
         self.laws, count = group.laws, len(group)

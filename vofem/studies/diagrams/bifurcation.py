@@ -86,9 +86,6 @@ def order_of(samples: Array, tolerance: Array) -> int:
     return 0
 
 
-STARTS = ("rest", "up", "down")
-
-
 @dataclass(frozen=True, eq=False)
 class BifurcationDiagram:
     """Stroboscopic samples over a parameter.

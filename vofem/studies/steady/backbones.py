@@ -33,7 +33,7 @@ from vofem.studies.steady.newton import raised, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.point import Interval, OriginChart, Point
 from vofem.studies.steady.problem import Work
-from vofem.studies.steady.shooting import Shooting, shooting_refusal
+from vofem.studies.steady.shooting import Shooting, flow_refusal
 from vofem.studies.steady.special import SpecialPoint
 from vofem.system import State, System
 
@@ -123,7 +123,7 @@ def backbone(
         raise ArgumentError(f"backbone: energies or amplitudes are {levels!r}, expected positive numbers")
     max_points = whole("backbone: max_points", max_points)
     system = scene.model.system
-    _check(scene, system)
+    _check(system)
     work = Work()
     mode = whole("backbone: mode", mode)
     few = reduced(system, _EACH_MODE * mode)
@@ -151,16 +151,15 @@ def backbone(
     return branch
 
 
-def _check(scene: Scene, system: System) -> None:
+def _check(system: System) -> None:
     """Raise where a scene is not conservative."""
     if system.sliders is not None:
         raise MethodError(system.sliders.refusal("backbone"))
-    reason = shooting_refusal(scene)
+    reason = flow_refusal("backbone", system)
+    if reason is None and system.contacts is not None:
+        reason = system.contacts.rigid_refusal("backbone")
     if reason is not None:
-        raise MethodError(f"backbone: {reason.split('. Use ')[0].split('; use')[0]}")
-    rigid = None if system.contacts is None else system.contacts.rigid_refusal("backbone")
-    if rigid is not None:
-        raise MethodError(rigid)
+        raise MethodError(reason)
     what = ""
     if system.loads:
         what = system.loads[0].name

@@ -21,7 +21,7 @@ from vofem.integrators.event_driven.flow import Start, flow, modal_state, modes_
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.condensed import Condensed, reduced, slowest_decay
 from vofem.studies.steady.loads import load_period
-from vofem.studies.steady.shooting import shooting_refusal
+from vofem.studies.steady.shooting import flow_refusal
 from vofem.system import Counters, State, System
 
 #: Stretches of time where no load sets a period, and at least; parts of the run from whose exponents the error is
@@ -94,9 +94,9 @@ def lyapunov(scene: Scene, t_end: float, *, count: int = 1, skip: float = 0.0) -
     system = scene.model.system
     if system.sliders is not None:
         raise MethodError(system.sliders.refusal("lyapunov"))
-    reason = shooting_refusal(scene)
+    reason = flow_refusal("lyapunov", system)
     if reason is not None:
-        raise MethodError(f"lyapunov: {reason.split('; ')[0]}")
+        raise MethodError(reason)
     if count > 2 * system.size:
         raise ArgumentError(f"lyapunov: count is {count}, and the scene has {2 * system.size} exponents")
     times = np.concatenate([[0.0], _stretches(system, skip, t_end)])

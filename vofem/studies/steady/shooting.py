@@ -18,7 +18,7 @@ from vofem.errors import ArgumentError, ConvergenceError, EventStormError, Metho
 from vofem.initial import Initial, StoredState
 from vofem.integrators.event_driven.along import Course
 from vofem.integrators.event_driven.flow import Flow, Start, flow, modal_state, modes_of, share_modes
-from vofem.integrators.event_driven.run import refusal
+from vofem.integrators.event_driven.run import obstacle
 from vofem.integrators.methods import EVENT_DRIVEN
 from vofem.result import Result
 from vofem.scene import Scene
@@ -26,7 +26,7 @@ from vofem.simulate.plan import Plan, run_plan
 from vofem.studies.steady.condensed import Condensed, condensable, condensed, condensed_result, first_count
 from vofem.studies.steady.orbit import TIMES, PeriodicOrbit
 from vofem.studies.steady.problem import OrbitProblem, Work
-from vofem.system import OPEN, State
+from vofem.system import OPEN, State, System
 
 #: Degrees of freedom up to which all modes may be unknowns.
 MOST_UNKNOWNS = 600
@@ -243,29 +243,34 @@ class Shooting(OrbitProblem):
 def shooting_refusal(scene: Scene) -> str | None:
     """Return why shooting cannot treat a scene, and what can, or None."""
     system = scene.model.system
-    reason = refusal(system)
     sliders = system.sliders
-    if sliders is not None:
-        reason = sliders.orbit_refusal() or reason
-        if reason is not None:
-            return reason
-        if system.contacts is not None and system.contacts.rigid.any():
-            stop = system.contacts.labels[int(np.argmax(system.contacts.rigid))]
-            return (
-                f"{sliders.labels[0]} acts beside {stop}, whose impacts move sliders that stick; a search of periodic "
-                "orbits does not treat both. Simulate the scene until it has settled, or use a Contact with a large "
-                "stiffness and a damper"
-            )
-    if reason is not None:
-        why = reason.split(". Use ")[0].rstrip(".")
-        return f"{why}; shooting needs what event_driven needs. Use method='harmonic_balance'"
-    if system.contacts is not None and system.contacts.moving is not None:
-        return system.contacts.moving_refusal("shooting")
-    if system.size > MOST_UNKNOWNS and not condensable(system):
+    reason = None if sliders is None else sliders.orbit_refusal()
+    reason = reason or flow_refusal("shooting", system, "method='harmonic_balance'")
+    if reason is None and sliders is not None and system.contacts is not None and system.contacts.rigid.any():
+        stop = system.contacts.labels[int(np.argmax(system.contacts.rigid))]
         return (
-            f"the scene has {system.size} degrees of freedom, shooting takes at most {MOST_UNKNOWNS} where many "
-            "contacts, loads or dashpots act; use fewer elements, or method='harmonic_balance', whose unknowns are "
-            "those of the laws alone"
+            f"{sliders.labels[0]} acts beside {stop}, whose impacts move sliders that stick; a search of periodic "
+            "orbits does not treat both. Simulate the scene until it has settled, or use a Contact with a large "
+            "stiffness and a damper"
+        )
+    return reason
+
+
+def flow_refusal(what: str, system: System, other: str = "") -> str | None:
+    """Return why something that follows the flow of `event_driven` cannot treat a system, and what can, or None.
+
+    `other`: what can be used instead, as in "method='harmonic_balance'".
+    """
+    found = obstacle(system)
+    if found is not None:
+        return f"{what} needs what {EVENT_DRIVEN.name} needs: {found[0]}{other and f'. Use {other}'}"
+    if system.contacts is not None and system.contacts.moving is not None:
+        return system.contacts.moving_refusal(what)
+    if system.size > MOST_UNKNOWNS and not condensable(system):
+        instead = other and f", or {other}, whose unknowns are those of the laws alone"
+        return (
+            f"the scene has {system.size} degrees of freedom, {what} takes at most {MOST_UNKNOWNS} where many "
+            f"contacts, loads or dashpots act; use fewer elements{instead}"
         )
     return None
 
