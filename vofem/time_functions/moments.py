@@ -89,18 +89,22 @@ def wave(half: Array) -> tuple[Array, Array, Array]:
 
 def _near(y: Array) -> tuple[Array, Array, Array]:
     """Return the moments of a wave by series."""
-    z = y * y
-    # Coefficients of (-z)^k: 1/(2k+1)!, (k+1)/(2k+3)! and -4 (k+1)(k+2)/(6 (2k+5)!) with a factor z.
-    series0, series1, series2 = np.zeros(z.shape), np.zeros(z.shape), np.zeros(z.shape)
-    for k in range(9, -1, -1):
-        series0 = _INVERSE[2 * k + 1] - z * series0
-        series1 = (k + 1.0) * _INVERSE[2 * k + 3] - z * series1
-        series2 = (k + 1.0) * (k + 2.0) * _INVERSE[2 * k + 5] - z * series2
-    return series0, y * series1, -(2.0 / 3.0) * z * series2
+    minus = -y * y
+    series = np.zeros((3, *y.shape))
+    for coefficients in _SERIES.reshape(_SERIES.shape + (1,) * y.ndim):
+        series *= minus
+        series += coefficients
+    return series[0], y * series[1], (2.0 / 3.0) * minus * series[2]
 
 
 #: 1/n!
 _INVERSE = 1.0 / np.cumprod(np.concatenate([[1.0], np.arange(1.0, 31.0)]))
+
+#: Coefficients of the powers of -y^2 in `_near`, the highest first: 1/(2k+1)!, (k+1)/(2k+3)! and (k+1)(k+2)/(2k+5)!,
+#: shape (10, 3).
+_SERIES = np.array(
+    [_INVERSE[2 * k + 1 : 2 * k + 6 : 2] * (1.0, k + 1.0, (k + 1.0) * (k + 2.0)) for k in range(9, -1, -1)]
+)
 
 
 def sampled(function: Callable[[Array], Array], left: Array, right: Array, width: float) -> Array:
