@@ -272,10 +272,9 @@ def test_smooth_motion_keeps_the_quintic():
 
 
 @pytest.mark.kernels("plain")
-@pytest.mark.parametrize(("load", "law"), [
-    ("ramp", "bilinear"), ("ramp", "iwan"), ("ramp", "resolved"), ("pulse", "bilinear"), ("hump", "iwan"),
-])  # fmt: skip
-def test_a_break_away_after_a_long_rest_is_not_jumped_over(load, law):
+@pytest.mark.parametrize("law", ["bilinear", "iwan", "resolved"])
+@pytest.mark.parametrize("load", ["pulse", "hump", "ramp"])
+def test_a_break_away_after_a_long_rest_is_not_jumped_over(law, load):
     """At rest nothing moves, so errors are zero and steps grow; a short load then makes the slider slip."""
     force = {
         "pulse": vf.Pulse(3.0, 4.5, 0.02), "ramp": vf.Tabulated([0.0, 3.0, 6.0], [0.0, 0.9, 1.2]),
