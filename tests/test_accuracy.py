@@ -201,7 +201,7 @@ def test_cheapest_meets_the_tolerance_with_the_smallest_mesh_that_can():
     assert found.run is not None
     assert found.study.relative(found.run) <= 1e-4
     assert found.run.seconds == min(run.seconds for run in found.study.meeting(1e-4))
-    assert str(found).startswith("For 0.0001 of the largest displacement")
+    assert str(found).startswith("For an error of 0.0001 of the largest displacement")
     none = vf.accuracy.cheapest(scene, 1.0, 1e-13, methods=["energy_conserving"], elements=[2], **QUICK)
     assert none.run is None
     assert str(none).startswith("No run comes within 1e-13")

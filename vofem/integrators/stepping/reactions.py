@@ -244,6 +244,9 @@ def _react(place: int, p: Any, z: Any, question: float, unused: float) -> float:
             return 0.0
     if explicit and alone:
         fill(w[FOUND], 0.0)
+    # What reactions are beyond those held stays apart: large reactions would take its digits.
+    for j in range(m):
+        w[MORE, j] = w[FOUND, j] - w[HELD, j]
     demand = _EPS
     for step in range(_MOST):
         if band:
@@ -271,7 +274,8 @@ def _react(place: int, p: Any, z: Any, question: float, unused: float) -> float:
             change = w[FORCES, j] - w[FOUND, j]
             # In a law much stiffer than the structure, the rounding of u may be the largest error of its force.
             noise = 4.0 * _EPS * (abs(w[FORCES, j]) + abs(w[FOUND, j]) + w[SLOPE, j] * w[SIZE, j])
-            still, rounded = still and abs(w[MOVE, j]) <= 4.0 * _EPS * w[SIZE, j], rounded and abs(change) <= noise
+            still = still and abs(w[MOVE, j]) <= (demand if band else 4.0 * _EPS) * w[SIZE, j]
+            rounded = rounded and abs(change) <= noise
             if whole[KIND, j] == ACTS and not whole[SPRUNG, j]:
                 start += w[MOVE, j] * change
         settled = still or (explicit and alone) or (placed and off <= demand * size)
@@ -291,11 +295,11 @@ def _react(place: int, p: Any, z: Any, question: float, unused: float) -> float:
                 if high - low <= 1e-3 * low:
                     break
         for j in range(m):
-            w[FOUND, j] += length * w[STEP, j]
+            w[MORE, j] += length * w[STEP, j]
+            w[FOUND, j] = w[HELD, j] + w[MORE, j]
         if settled:
             turned = 0.0
             for j in range(m):
-                w[MORE, j] = w[FOUND, j] - w[HELD, j]
                 acts += abs(w[FOUND, j])
                 far = _TURNED * (abs(w[U0, j]) + abs(w[BASE, j]))
                 if square and mean and alone and reach[j, j] * abs(w[FOUND, j]) > far:
@@ -312,7 +316,7 @@ def _coordinates(w: Array, reach: Array) -> None:
     for j in range(m):
         w[Y, j], w[SIZE, j] = w[FREE, j], abs(w[FREE, j])
     for i in range(m):
-        more = w[FOUND, i] - w[HELD, i]
+        more = w[MORE, i]
         if more != 0.0:
             for j in range(m):
                 w[Y, j] -= reach[j, i] * more
@@ -367,7 +371,7 @@ def _in_band(place: int, p: Any, z: Any, step: float, unused: float) -> float:
     matrix, band = shaped(floats(at[_COUPLING]), (width, n)), shaped(floats(at[_MATRIX]), (width, n))
     fill(x, 0.0)
     for j in range(m):
-        force = w[STEP, j] if step > 0.0 else w[FOUND, j] - w[HELD, j]
+        force = w[STEP, j] if step > 0.0 else w[MORE, j]
         if force != 0.0:
             subtract_row(rows, j, part * force, x)
     if step == 0.0:
