@@ -465,7 +465,8 @@ def test_a_slider_behind_a_spring_is_pressed_by_a_contact(method: str) -> None:
     assert errors[1] < 4e-3
     assert errors[0] > 5.0 * errors[1]
     if method == "energy_conserving":
-        assert balance(steps(scene, s["t_end"], 100)) < 1e-13
+        # With these steps the slope of a mean force under a changing normal force matters.
+        assert all(balance(steps(scene, s["t_end"], count)) < 1e-13 for count in (50, 100, 120))
     slider, contact = result.frictions["pad"], result.contacts["floor"]
     assert np.abs(slider.force).max() == pytest.approx(s["mu"] * contact.force.max(), rel=0.1)
     assert slider.breaks.size > 5

@@ -156,3 +156,19 @@ def test_a_law_that_lets_go_does_not_keep_others_from_settling(seed):
     assert result.counters.steps == steps
     # What the rounding of a place does to forces that jump by 1e11 N/m times the gap.
     assert result.energy.balance_error < 1e-5
+
+
+@pytest.mark.parametrize("seed", [33, 34, 39])
+def test_large_reactions_leave_their_corrections_all_digits(seed):
+    """Steps as long as many periods press stiff stops of a chain by forces far beyond those of the motion."""
+    rng = random.Random(seed)
+    masses = [
+        vf.Mass(10.0 ** rng.uniform(-1, 1), stiffness=10.0 ** rng.uniform(-2, 2), name=f"m{k}") for k in range(45)
+    ]
+    contacts = [
+        vf.Contact(b, a, gap=10.0 ** rng.uniform(-2, 0), stiffness=10.0 ** rng.uniform(0, 9), acts_on="penetration")
+        for a, b in itertools.pairwise(masses)
+    ]
+    scene = vf.Scene(masses, contacts, {mass: (rng.uniform(-0.2, 0.2), rng.uniform(-2.0, 2.0)) for mass in masses})
+    result = vf.simulate(scene, 500.0, method="energy_conserving", dt=5.0, times=[0.0, 500.0])
+    assert result.energy.balance_error < 1e-10
