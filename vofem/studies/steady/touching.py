@@ -354,7 +354,8 @@ def _located(
     if inner is None:
         raise ConvergenceError("what ends at a grazing does not do so in one direction of the branch")
     before, values = replace(inner, tangent=-inner.tangent), _watched(now)
-    if any(not 0.0 < _watched(before)[pair][0] < values[pair][0] for pair in pairs):
+    nearer = _watched(before)
+    if any(not 0.0 < nearer[pair][0] < values[pair][0] for pair in pairs):
         before = now
     if _away_along(family, outer, ended[0]) < 0.0:
         outer = replace(outer, tangent=-outer.tangent)
