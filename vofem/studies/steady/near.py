@@ -7,17 +7,19 @@ over an orbit, and the next run decides the signature anew.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.flow import Flow, Start
-from vofem.studies.steady.newton import ROUNDING, Solved, direction
+from vofem.studies.steady.newton import Solved, direction, lowered, solved
 from vofem.studies.steady.shooting import Shooting, relative
 from vofem.studies.steady.signature import Signature, SignatureEvaluation, signature_of
 
 #: Steps of the state, halvings of one of them, and steps in the lengths of segments.
-_STEPS, _HALVINGS, _POLISHED = 40, 8, 10
+_STEPS, _HALVINGS, _POLISHED = 40, 7, 10
 
 #: Change over an orbit, over the size of the motion, up to which Newton's method in lengths is tried.
 _TRIED = 0.5
@@ -59,7 +61,7 @@ def orbit_near(problem: Shooting, guess: Array, steps: int = _STEPS) -> Solved:
             break
         found = _polished(now) if change <= _TRIED else None
         if found is not None:
-            found, ran = found.stripped(), found.chart.flow(problem, found.y)
+            ran = found.chart.flow(problem, found.y)
             if found.repeats(ran):
                 return Solved(found.chart.unknowns(problem, found.y, found), found)
             # Another signature is nearer to an orbit if it changes less.
@@ -81,34 +83,30 @@ def _evaluated(problem: Shooting, chart: Signature, y: Array) -> tuple[Signature
 
 def _polished(now: SignatureEvaluation) -> SignatureEvaluation | None:
     """Return the solution near an evaluation with the same signature, or None."""
-    problem, chart, before = now.problem, now.chart, None
-    for _ in range(_POLISHED):
-        if before is not None and not now.error <= before.error:
-            break
-        if now.error <= problem.tolerance:
-            return now
-        before = now
-        try:
-            now = chart.evaluate(problem, now.y - direction(now.jacobian, now.residual))
-        except ConvergenceError:
-            break
-    best = now if before is None or now.error < before.error else before
-    return best if best.error <= ROUNDING else None
+    try:
+        found = solved(lambda y: now.chart.evaluate(now.problem, y), now.y, _POLISHED, known=now, halvings=0)
+    except ConvergenceError:
+        return None
+    polished: SignatureEvaluation = found.evaluation.stripped()
+    return polished
+
+
+class _Ran(NamedTuple):
+    """A run over an orbit, and its change over the size of the motion."""
+
+    flow: Flow
+    error: float
 
 
 def _moved(now: SignatureEvaluation, change: float) -> Flow | None:
     """Return a flow that changes less over an orbit, after a Newton step of the state or part of it."""
     problem, n, time = now.problem, now.problem.size, now.chart.anchor / now.problem.loads.omega
-    step = direction(now.jacobian, now.residual)[:n]
-    factor = 1.0
-    for _ in range(_HALVINGS):
-        z, v = problem.to_modes(now.y[:n] - factor * step)
-        try:
-            flow = problem.run(Start(time, z, v), time + problem.duration)
-            after = problem.to_unknowns(flow.displacement - z, flow.velocity - v)
-            if relative(after, now.sizes) <= (1.0 - 0.1 * factor) * change:
-                return flow
-        except ConvergenceError:
-            pass
-        factor *= 0.5
-    return None
+
+    def ran(state: Array) -> _Ran:
+        z, v = problem.to_modes(state)
+        flow = problem.run(Start(time, z, v), time + problem.duration)
+        after = problem.to_unknowns(flow.displacement - z, flow.velocity - v)
+        return _Ran(flow, relative(after, now.sizes))
+
+    found, _ = lowered(ran, now.y[:n], direction(now.jacobian, -now.residual)[:n], change, _HALVINGS)
+    return None if found is None else found[1].flow
