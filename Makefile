@@ -7,6 +7,9 @@ STAMP := $(VENV)/.installed
 SITE_STAMP := $(VENV)/.installed-site
 JOBS ?= 2
 
+# Tests and tools begin a hundred processes, which would spend most of their time on compiling the modules they import.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test docs dist lint types unit oldest verification setup accuracy lock clean
 
 demo: setup

@@ -346,8 +346,11 @@ class Regime:
 
     @cached_property
     def kept(self) -> dict[str, Any]:
-        """What others have computed for the piece."""
+        """What others have computed for the piece, places of arrays in memory among it."""
         return {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "kept"}
 
     def begin(self, displacement: Array, velocity: Array, w: Array) -> Array:
         """Return the states of all blocks, shape (k, 2, M), of modal states (k, n) under loads (k, 2, e)."""

@@ -24,18 +24,16 @@ from vofem.integrators.event_driven.flow import Start, flow, modal_state, modes_
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.laws import CLOSED, OPEN
 from vofem.scene import Scene, as_scene
-from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import Branch, BranchCounters, Orbits
 from vofem.studies.steady.condensed import GOOD, Condensed, reduced
 from vofem.studies.steady.family import Interval
-from vofem.studies.steady.follow import Follower
+from vofem.studies.steady.follow import Quiet
 from vofem.studies.steady.near import signature_at
 from vofem.studies.steady.newton import raised, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.point import OriginChart, Point
 from vofem.studies.steady.problem import Work
 from vofem.studies.steady.shooting import Shooting, flow_refusal
-from vofem.studies.steady.special import SpecialPoint
 from vofem.system import State, System
 
 #: Steps of Newton's method, and the residual that is small enough.
@@ -302,7 +300,7 @@ class _Search:
         towards = now - track[-2][1] if len(track) > 1 else now * np.append(np.ones(self.space.size), 0.0)
         scales = np.append(np.full(now.size - 1, np.linalg.norm(now[:-1])), now[-1])
         family: Any = _Levels(self, kind, Interval(0.0, level))
-        walker = _Walk(family, most=most, noun="backbone")
+        walker = Quiet(family, most=most, noun="backbone")
         here = kind.of(self, now[:-1])[0]
         first = walker.point(_RestChart(), np.append(now, here), np.append(towards / scales, 0.0))
         walker.follow(first, _SHORT)
@@ -433,14 +431,6 @@ def _far(a: Array, b: Array) -> bool:
     """Return whether two displacements differ in direction by more than a step may."""
     cosine = float(a @ b) / float(np.linalg.norm(a) * np.linalg.norm(b))
     return cosine < 0.9
-
-
-class _Walk(Follower):
-    """Follows a backbone, on which no special points are searched."""
-
-    def located(self, step: Step, earlier: Step | None) -> list[SpecialPoint]:
-        """Return nothing."""
-        return []
 
 
 def _not_reached(points: list[Point], kind: _Level, level: float, why: str) -> ConvergenceError:

@@ -433,6 +433,14 @@ class Follower:
         return last, 0.0
 
 
+class Quiet(Follower):
+    """Follows a branch on which no special points are searched."""
+
+    def located(self, step: Step, earlier: Step | None) -> list[SpecialPoint]:
+        """Return nothing."""
+        return []
+
+
 @contextlib.contextmanager
 def branch_progress(interval: Interval, progress: Progress, what: str) -> Iterator[Callable[[float], bool]]:
     """Give a function that shows the parameter's value reached and returns whether Ctrl-C was pressed."""
