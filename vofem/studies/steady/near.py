@@ -7,7 +7,7 @@ over an orbit, and the next run decides the signature anew.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.flow import Flow, Start
 from vofem.studies.steady.newton import Solved, direction, lowered, solved
+from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.shooting import Shooting, relative
 from vofem.studies.steady.signature import Signature, SignatureEvaluation, signature_of
 
@@ -50,11 +51,18 @@ def signature_at(problem: Shooting, unknowns: Array) -> tuple[Signature, Array]:
     )
 
 
-def orbit_near(problem: Shooting, guess: Array, steps: int = _STEPS) -> Solved:
+def orbit_near(problem: Shooting, guess: Array, steps: int = _STEPS, *, orbit: Any = None) -> Solved:
     """Return the orbit near the unknowns of a guess.
 
+    `orbit`: the guess where it is an orbit. If its segments are known, no run has to find them.
     Raises `ConvergenceError` if none is found. The message gives the least change over an orbit.
     """
+    known = _segments(problem, orbit)
+    if known is not None:
+        now, change = _evaluated(problem, *known)
+        found = _polished(now) if change <= _TRIED else None
+        if found is not None and found.repeats(found.chart.flow(problem, found.y)):
+            return Solved(found.chart.unknowns(problem, found.y, found), found)
     now, change = _evaluated(problem, *signature_at(problem, guess))
     for _ in range(steps):
         if not np.isfinite(change):
@@ -73,6 +81,18 @@ def orbit_near(problem: Shooting, guess: Array, steps: int = _STEPS) -> Solved:
             break
         now, change = _evaluated(problem, *signature_of(problem, moved))
     raise ConvergenceError(f"Newton's method left a residual of {change:.2e} of the motion")
+
+
+def _segments(problem: Shooting, orbit: Any) -> tuple[Signature, Array] | None:
+    """Return signature and coordinates of an orbit of a scene with the same modes and contacts; None of other ones."""
+    known = orbit._motion() if isinstance(orbit, PeriodicOrbit) and orbit.method == "shooting" else None
+    if not isinstance(known, SignatureEvaluation):
+        return None
+    own, n = known.problem, known.problem.size
+    same = own.space.shapes is problem.space.shapes and own.periods == problem.periods
+    if not same or len(known.chart.start) != problem.space.contacts.shape[0]:
+        return None
+    return known.chart, np.concatenate([problem.unmodal(own.modal(known.y[:n])), known.y[n:]])
 
 
 def _evaluated(problem: Shooting, chart: Signature, y: Array) -> tuple[SignatureEvaluation, float]:

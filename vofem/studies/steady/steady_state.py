@@ -115,7 +115,8 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
         try:
             start = problem.from_rest() if guess is None else problem.from_orbit(guess)
             equations: Any = problem
-            found = orbit_near(problem, start) if isinstance(problem, Shooting) else solved(equations.evaluate, start)
+            shoots = isinstance(problem, Shooting)
+            found = orbit_near(problem, start, orbit=guess) if shoots else solved(equations.evaluate, start)
         except ConvergenceError as error:
             seen = seen_of(problem, guess) if isinstance(problem, Shooting) else ""
             raise ConvergenceError(
