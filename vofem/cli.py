@@ -452,7 +452,7 @@ def _branch_pictures(branch: Branch, point: Any, folder: Path, name: str) -> Ite
     from vofem.io.plot import multipliers, response_curve
 
     yield response_curve(branch, point, folder / "response.png", parameter=name)
-    if all(orbit.multipliers is not None for orbit in branch.orbits):
+    if any(orbit.multipliers is not None for orbit in branch.orbits):
         yield multipliers(branch, folder / "multipliers.png")
 
 
