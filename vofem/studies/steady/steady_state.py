@@ -15,12 +15,11 @@ from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.flow import Start
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.condensed import GOOD
-from vofem.studies.steady.family import METHODS, Family, chosen, problem_of
+from vofem.studies.steady.family import METHODS, Family, Interval, chosen, problem_of
 from vofem.studies.steady.follow import Quiet
 from vofem.studies.steady.near import orbit_near
 from vofem.studies.steady.newton import Solved, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.point import Interval
 from vofem.studies.steady.problem import OrbitProblem
 from vofem.studies.steady.rebuild import like_guess
 from vofem.studies.steady.shooting import Shooting, relative
@@ -117,7 +116,8 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
         try:
             start = problem.from_rest() if guess is None else problem.from_orbit(guess)
             equations: Any = problem
-            found = orbit_near(problem, start) if isinstance(problem, Shooting) else solved(equations, start)
+            shoots = isinstance(problem, Shooting)
+            found = orbit_near(problem, start, orbit=guess) if shoots else solved(equations.evaluate, start)
         except ConvergenceError as error:
             seen = seen_of(problem, guess) if isinstance(problem, Shooting) else ""
             raise ConvergenceError(
@@ -247,7 +247,8 @@ def _raised(problem: Shooting) -> Solved:
         system.share(model.system)
         return problem.scene.compiled_as(replace(model, system=system))
 
-    family, share = Family("periodic", build, "shooting", problem.periods, work=problem.work), 1.0
+    family = Family("periodic", build, Interval(0.0, 1.0), "shooting", problem.periods, work=problem.work)
+    share = 1.0
     family.begin_with(problem, 1.0)
     first: Any = None
     while share > _LEAST and (first is None or first.evaluation.chart.switches):
@@ -257,7 +258,7 @@ def _raised(problem: Shooting) -> Solved:
             first = _linear(family.at(share))
     if first is None:
         raise ConvergenceError(f"down to {share:.2g} of the loads no orbit is found")
-    walk = Quiet(family, Interval(0.0, 1.0), most=_WAY)
+    walk = Quiet(family, most=_WAY)
     walk.follow(walk.begin(first.unknowns, share))
     if walk.interrupted:
         raise KeyboardInterrupt
