@@ -104,6 +104,8 @@ class Family:
 
     def over(self, periods: int) -> Family:
         """Return the family of orbits over another number of periods, which shares modes but has its own counters."""
-        other = Family(self.what, self.build, self.method, periods, self.harmonics, parameters=self.parameters)
-        other._latest = self._latest
+        harmonics = None if self.harmonics is None else max(1, self.harmonics * periods // self.periods)
+        other = Family(self.what, self.build, self.method, periods, harmonics, parameters=self.parameters)
+        # Harmonic balance takes as many harmonics for each period of the loads, so its unknowns are others.
+        other._latest = self._latest if self.method == "shooting" or periods == self.periods else None
         return other
