@@ -27,12 +27,11 @@ from vofem.scene import Scene
 from vofem.studies.steady import Branch, BranchCounters, Locus, PeriodicOrbit, SpecialPoint
 from vofem.studies.steady.branch import Orbits
 from vofem.studies.steady.condensed import condensed
-from vofem.studies.steady.family import Family, problem_of
+from vofem.studies.steady.family import Family, Interval, problem_of
 from vofem.studies.steady.follow import Follower
 from vofem.studies.steady.harmonic_balance import harmonics_in
 from vofem.studies.steady.near import signature_at
 from vofem.studies.steady.orbit import OrbitTruncation
-from vofem.studies.steady.point import Interval
 from vofem.studies.steady.shooting import orbit_result
 from vofem.studies.steady.signature import CLOSES
 from vofem.studies.steady.steady_state import as_guess
@@ -285,12 +284,13 @@ class _Loaded:
         if nearest.method == "harmonic_balance":
             assert unknowns is not None
             harmonics = harmonics_in(nearest.scene, unknowns.size)
-        family = Family("at", self.build, nearest.method, nearest.periods, harmonics)
+        interval = Interval(float(self._values.min()), float(self._values.max()))
+        family = Family("at", self.build, interval, nearest.method, nearest.periods, harmonics)
         problem = as_guess(family.at(value), nearest)
         family.begin_with(problem, value)
         ends = [problem.from_orbit(orbit) for orbit in (before, after)]
         guess = ends[0] + share * (ends[1] - ends[0])
-        walker = Follower(family, Interval(float(self._values.min()), float(self._values.max())))
+        walker = Follower(family)
         for start in (guess, *ends):
             try:
                 point = walker.begin(start, value)

@@ -18,7 +18,7 @@ harmonics of the force beyond H, which are known.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -40,7 +40,7 @@ from vofem.studies.steady.law_path import PASSES, LawPaths, nonlinear_groups
 from vofem.studies.steady.linear_rest import FULL, Attached, LinearRest, linear_laws
 from vofem.studies.steady.loads import load_series
 from vofem.studies.steady.near import orbit_near
-from vofem.studies.steady.newton import ROUNDING, raised, solved
+from vofem.studies.steady.newton import ROUNDING, TOLERANCE, raised, solved
 from vofem.studies.steady.orbit import DECIDED, OrbitTruncation, PeriodicOrbit
 from vofem.studies.steady.problem import OrbitProblem, Work
 from vofem.studies.steady.shooting import Shooting
@@ -69,6 +69,9 @@ _SAFETY = 6.0
 
 #: Smallest step on the way from the linear response to the laws' full strength, and iterations of one.
 _SMALLEST, _TRIES = 1.0 / 16.0, 12
+
+#: `Evaluation.error` at which equations with weaker laws count as solved.
+_WEAKER = 1e-6
 
 
 @dataclass(frozen=True)
@@ -254,7 +257,8 @@ class HarmonicBalance(OrbitProblem):
             return start
 
         def solve(strength: float, guess: Array, now: Array) -> Array:
-            return solved(_Weaker(self, strength), guess, _TRIES).unknowns
+            weaker, small = partial(self.evaluate, strength=strength), TOLERANCE if strength >= 1.0 else _WEAKER
+            return solved(weaker, guess, _TRIES, tolerance=small).unknowns
 
         level, x = raised(solve, [(0.0, start)], 1.0, 1.0, least=_SMALLEST, shrink=0.5)[-1]
         return x if level >= 1.0 else self._transient()
@@ -451,18 +455,6 @@ class HarmonicBalance(OrbitProblem):
         other = np.arange(coefficients.shape[0]) % (self.periods // count) != 0
         size = float(coefficients.max(initial=0.0))
         return float(coefficients[other].max(initial=0.0)) / size if size > 0.0 else 0.0
-
-
-class _Weaker:
-    """A problem with laws at a fraction of their strength, for Newton's method."""
-
-    def __init__(self, problem: HarmonicBalance, strength: float) -> None:
-        self._problem, self._strength = problem, strength
-        self.tolerance = problem.tolerance if strength >= 1.0 else 1e-6
-
-    def evaluate(self, unknowns: Array, *, derivative: bool = True) -> HarmonicEvaluation:
-        """Return the equations."""
-        return self._problem.evaluate(unknowns, derivative=derivative, strength=self._strength)
 
 
 def harmonics_in(scene: Scene, size: int) -> int | None:
