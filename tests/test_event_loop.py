@@ -140,8 +140,8 @@ def test_results_do_not_depend_on_when_the_loop_returns(name, monkeypatch):
 
 def counted_entries(monkeypatch):
     """Return the list of linear pieces that tables take in from now on."""
-    entered, parts = [], table._parts
-    monkeypatch.setattr(table, "_parts", lambda piece: entered.append(piece) or parts(piece))
+    entered, searched = [], table.searched
+    monkeypatch.setattr(table, "searched", lambda piece: entered.append(piece) or searched(piece))
     return entered
 
 

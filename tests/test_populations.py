@@ -33,6 +33,16 @@ def test_a_lost_branch_tells_what_its_contacts_do():
     assert "guess=" in found.reason
 
 
+def test_a_start_is_found_from_smaller_loads():
+    """Motions settle on twice the period, and Newton's method finds no orbit from the linear response."""
+    case = drawn(329)
+    orbit = vf.periodic(case.build(case.stop))
+    assert any("found from smaller loads" in note for note in orbit.notes)
+    assert orbit.stable is False
+    assert away(orbit) <= REPEATS
+    assert orbit.amplitude(case.build(case.stop).bodies[0]) > 0.0
+
+
 def test_a_seed_gives_the_same_scene_again():
     one, other = drawn(14), drawn(14)
     assert (one.title, one.start, one.stop) == (other.title, other.start, other.stop)

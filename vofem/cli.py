@@ -448,7 +448,7 @@ def _branch_files(branch: Branch, point: Any, folder: Path, name: str, pictures:
         from vofem.io.plot import multipliers, response_curve
 
         yield response_curve(branch, point, folder / "response.png", parameter=name)
-        if all(orbit.multipliers is not None for orbit in branch.orbits):
+        if any(orbit.multipliers is not None for orbit in branch.orbits):
             yield multipliers(branch, folder / "multipliers.png")
 
 

@@ -153,16 +153,20 @@ class Touches:
 
     def peaks(self, parts: Parts) -> tuple[Array, Array]:
         """Return the force of largest magnitude within each part in N, and the time in s at which it is reached."""
-        low, high = parts.low, parts.high
         coefficients = self.force[:, parts.panel]
-        fractions = np.linspace(0.0, 1.0, _LOOKS)[:, None]
-        found, place = np.zeros(low.size), low
-        columns = np.arange(low.size)
-        for _ in range(_ROUNDS):
-            x = low + (high - low) * fractions
+        ends = np.stack([parts.low, parts.high])
+        values = _values(coefficients, ends)
+        best, every = np.argmax(np.abs(values), axis=0), np.arange(parts.low.size)
+        found, place = values[best, every], ends[best, every]
+        # The force of a spring grows or falls throughout a part.
+        elastic = self.stiffness is not None and np.any(self.rate[:, parts.panel] != 0.0, axis=0)
+        left = np.flatnonzero(~np.broadcast_to(elastic, every.shape))
+        low, high, coefficients, columns = parts.low[left], parts.high[left], coefficients[:, left], every[: left.size]
+        for _ in range(_ROUNDS if left.size else 0):
+            x = low + (high - low) * np.linspace(0.0, 1.0, _LOOKS)[:, None]
             values = _values(coefficients, x)
             best = np.argmax(np.abs(values), axis=0)
-            found, place = values[best, columns], x[best, columns]
+            found[left], place[left] = values[best, columns], x[best, columns]
             low, high = x[np.maximum(best - 1, 0), columns], x[np.minimum(best + 1, _LOOKS - 1), columns]
         begin, end = self.begin[parts.panel], self.end[parts.panel]
         return np.asarray(found, dtype=float), begin + 0.5 * (1.0 + place) * (end - begin)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from contextlib import nullcontext
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -80,6 +80,9 @@ class Follower:
         self._pin_fraction, self._most_events = pin_fraction, most_events
         self._segments = FIRST_CALL
         self._statuses = Statuses(len(loads.omega))
+        # The table and the arrays of the record whose places the loop has, and its work space.
+        self._placed: tuple[Any, Any] = (None, None)
+        self._space: list[Array] = []
         contacts, n = solution.space.contacts.shape
         drift = solution.drift()
         self._run = np.full(NUMBERS, -1)
@@ -117,6 +120,10 @@ class Follower:
             left, function = run[LEFT], run[FUNCTION]
             if 0 <= left < statuses.after.shape[0] and function < statuses.after.shape[1]:
                 statuses.after[left, function] = number
+                # The contact may switch back.
+                contact, exits = run[SWITCHED], regime.exits
+                back = (exits.owner == contact) & (exits.leads == solution.record.statuses[left][contact])
+                statuses.after[number, : back.size][back] = left
             run[STATUS], run[LEFT] = number, -1
             self._loop(regime, statuses)
 
@@ -125,14 +132,10 @@ class Follower:
         record, counters, group = solution.record, solution.counters, regime.blocks.group
         self._enter()
         run[SEGMENTS], run[EVENTS], run[EVALUATIONS] = record.segments, record.events, 0
-        space = work_space(statuses.table, solution.space.size)
-        run[SEARCH] = address_of(cast(CompiledFunction, march))
         first, first_event, begun = record.segments, record.events, time.perf_counter()
         record.make_room(1, 1)
         while True:
-            buffers = record.buffers
-            run[SEGMENT_ROOM], run[EVENT_ROOM] = buffers.starts.size, buffers.event_time.size
-            run[EDGES:] = [place_of(array) for array in (*self._arrays, *buffers, *space)]
+            self._place(statuses.table)
             reason = run_segments(
                 statuses.table, statuses.slots, statuses.after, run,
                 1 if group is not None else self._segments, self._most_events,
@@ -151,7 +154,19 @@ class Follower:
         counters.events += record.events - first_event
         counters.gap_evaluations += int(run[EVALUATIONS]) * self._gaps.size
         if record.segments > first:
-            self._take_over(space[WORK_F - WORK_X] if reason == DECISION else None)
+            self._take_over(self._space[WORK_F - WORK_X] if reason == DECISION else None)
+
+    def _place(self, table: NDArray[np.int64]) -> None:
+        """Write the places of all arrays, where these are no longer those of the last call."""
+        run, buffers = self._run, self.solution.record.buffers
+        if table is self._placed[0] and buffers is self._placed[1]:
+            return
+        if table is not self._placed[0]:
+            self._space = work_space(table, self.solution.space.size)
+        self._placed = table, buffers
+        run[SEARCH] = address_of(cast(CompiledFunction, march))
+        run[SEGMENT_ROOM], run[EVENT_ROOM] = buffers.starts.size, buffers.event_time.size
+        run[EDGES:] = [place_of(array) for array in (*self._arrays, *buffers, *self._space)]
 
     def _enter(self) -> None:
         """Write the state that has been reached as that at which the next segment begins."""

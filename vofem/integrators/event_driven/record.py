@@ -56,6 +56,8 @@ class Record:
     def make_room(self, segments: int, events: int) -> None:
         """Let the arrays have rows for so many further segments and events."""
         parts: list[Any] = list(self.buffers)
+        if self.segments + segments <= len(parts[0]) and self.events + events <= len(parts[-1]):
+            return
         for k, part in enumerate(parts):
             used, more = (self.segments, segments) if k < _SEGMENT_ARRAYS else (self.events, events)
             if used + more > part.shape[0]:

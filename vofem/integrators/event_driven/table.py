@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.integrators.event_driven.blocks import response
+from vofem.integrators.event_driven.clusters import Group
 from vofem.integrators.event_driven.regime import Regime
-from vofem.integrators.event_driven.search import SPARE, TAKES
+from vofem.integrators.event_driven.search import SPARE, TAKES, WORK
 from vofem.kernels.addresses import place_of
 
 Integers = NDArray[np.int64]
@@ -24,26 +27,29 @@ _MOST_MEMORY = 128 * 2**20
 
 
 def searched(regime: Regime) -> tuple[Integers, Array, list[NDArray]]:
-    """Return what searches take of a linear piece, see `search.FUNCTIONS`; their work space; and arrays to keep."""
-    blocks, exits, m, work = regime.blocks, regime.exits, regime.blocks.of.shape[1], np.empty(SPARE)
-    given = [blocks.pair, blocks.gain, regime.levels, exits.rows, exits.sizes, work, *(blocks.group or ())]
-    kept = [np.ascontiguousarray(part) for part in given]
-    sizes = exits.sign.size, len(blocks.pair), regime.levels.size, m, m - regime.loads
-    tail = m if regime.mixed else regime.loads
-    taken = np.zeros(TAKES, dtype=np.int64)
-    numbers = [*sizes, tail, response(blocks.pair.size > 0).address, *map(place_of, kept)]
-    taken[: len(numbers)] = numbers
-    return taken, work, [taken, *kept]
+    """Return what searches take of a linear piece, see `search.FUNCTIONS`; their work space; and arrays to keep.
 
-
-def _parts(regime: Regime) -> list[NDArray | None]:
-    """Return the other arrays of a linear piece, in the order of the columns of a table."""
-    spectrum, exits = regime.spectrum, regime.exits
-    mixed, real = spectrum.blocks, spectrum.real
-    return [
-        regime.blocks.of, exits.sign, exits.level, exits.owner, exits.leads, regime.answers.steady.T, real.modes,
-        None if mixed is None else mixed.into, None if mixed is None else mixed.out, real.shift,
-    ]  # fmt: skip
+    It is the beginning of a row of a table, see `OF`, whose places are kept with the piece.
+    """
+    if "row" not in regime.kept:
+        blocks, exits, m, spectrum = regime.blocks, regime.exits, regime.blocks.of.shape[1], regime.spectrum
+        mixed, real = spectrum.blocks, spectrum.real
+        taken: list[Any] = [blocks.pair, blocks.gain, regime.levels, exits.rows, exits.sizes, None]
+        taken += [*(blocks.group or (None,) * len(Group._fields))]
+        others = [
+            blocks.of, exits.sign, exits.level, exits.owner, exits.leads, regime.answers.steady.T, real.modes,
+            None if mixed is None else mixed.into, None if mixed is None else mixed.out, real.shift,
+        ]  # fmt: skip
+        kept = [None if part is None else np.ascontiguousarray(part) for part in (*taken, *others)]
+        sizes = exits.sign.size, len(blocks.pair), regime.levels.size, m, m - regime.loads
+        numbers = [*sizes, m if regime.mixed else regime.loads, response(blocks.pair.size > 0).address]
+        places = (0 if part is None else place_of(part) for part in kept)
+        regime.kept["row"] = np.array([*numbers, *places, 0]), [part for part in kept if part is not None]
+    known, parts = regime.kept["row"]
+    # Runs in other threads have work space of their own.
+    row, work = known.copy(), np.empty(SPARE)
+    row[WORK], row[TAKEN] = place_of(work), place_of(row)
+    return row, work, [row, work, *parts]
 
 
 class Statuses:
@@ -60,7 +66,7 @@ class Statuses:
     def __init__(self, kinds: int) -> None:
         self.table = np.zeros((0, _COLUMNS), dtype=np.int64)
         self.slots, self.after = np.zeros((0, kinds), dtype=np.int64), np.zeros((0, 0), dtype=np.int64)
-        self._kept: list[NDArray | None] = []
+        self._kept: list[NDArray] = []
         self._memory = 0
 
     def enter(self, regime: Regime, number: int, kind: int) -> None:
@@ -71,12 +77,10 @@ class Statuses:
         if self._memory > _MOST_MEMORY:
             self.table, self._kept, self._memory = self.table[:0], [], 0
             self.slots[:] = -1
-        taken, _, kept = searched(regime)
-        parts = [None if part is None else np.ascontiguousarray(part) for part in _parts(regime)]
-        self._kept += [*kept, *parts]
-        self._memory += sum(0 if part is None else part.nbytes for part in (*kept, *parts))
+        row, _, kept = searched(regime)
+        self._kept += kept
+        self._memory += sum(part.nbytes for part in kept)
         self.slots[number, kind] = len(self.table)
-        row = [*taken, *(0 if part is None else place_of(part) for part in parts), place_of(taken)]
         self.table = np.concatenate([self.table, [row]])
 
     def make_room(self, statuses: int, functions: int = 0) -> None:

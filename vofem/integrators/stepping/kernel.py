@@ -34,13 +34,16 @@ from vofem.integrators.stepping.reactions import (
     CORRECT,
     FINISH,
     FORCES_AT,
-    HOLDS,
     KIND,
+    LIMIT,
     PER,
     PRESSING,
+    PUSH,
     PUSHES,
+    REACHED,
     SEARCH,
     SPRUNG,
+    STATUS,
     TARGET,
     U0,
     Reactions,
@@ -95,7 +98,11 @@ class Rules(NamedTuple):
     away: Array  #: Coordinates of laws that find nothing, shape (m,).
     #: Whether a row that holds keeps the place where it is, and not its coordinate at zero, shape (m,).
     anchored: NDArray[np.bool_]
-    push: Array  #: Forces of rows that push, N; over the normal force where another law presses. Shape (steps, m).
+    #: Of sliders the force that pushes while they slide, and that up to which they hold, inf for ever, N; over the
+    #: normal force where another law presses. Shape (2, steps, m).
+    push: Array
+    status: NDArray[np.int64]  #: Direction in which a slider slides at the start, 0 where it sticks, shape (m,).
+    stops: bool  #: Whether to stop before a step within which a slider turns.
     pressing: NDArray[np.int64]  #: Number of the law that presses, -1 for none, shape (m,).
     #: Laws that know the normal force at both ends of a step, as the last two of five numbers, shape (m,).
     springs: NDArray[np.bool_]
@@ -137,11 +144,14 @@ class Work(NamedTuple):
     reactions: Reactions
 
 
-def work_space(equations: Equations, size: Size) -> tuple[Work, Any]:
-    """Return work space for steps of sizes like one, and what must be kept as long as it is used."""
+def work_space(equations: Equations, size: Size, slides: bool) -> tuple[Work, Any]:
+    """Return work space for steps of sizes like one, and what must be kept as long as it is used.
+
+    `slides`: whether there are rigid sliders.
+    """
     n, m = size.factored.shape[1], equations.laws.table.shape[0]
     coupling = size.coupling if size.coupling.size else np.zeros((m, m))
-    reactions, kept = reactions_of(equations.laws, equations.rows, coupling, size.factored, size.banded)
+    reactions, kept = reactions_of(equations.laws, equations.rows, coupling, size.factored, size.banded, slides)
     return Work(np.zeros((4, n)), reactions), kept
 
 
@@ -220,13 +230,14 @@ def advance(
     `shift` (shape (steps, n)): mean velocity less the mean rate of displacement, m/s; no rows where it is zero.
     `earlier` (shape (n,)): mean acceleration over the step before that before the first one; None where laws do not act
     by mean forces.
-    Returns `taken, solves`: number of steps, fewer than asked for where the next one has no solution; and of those in
-    which a law acted.
+    Returns `taken, solves`: number of steps, fewer than asked for where the next one has no solution, or where
+    `rules.stops` before it; and of those in which a law acted.
     """
     mass, stiffness, damping, rows, laws = borrowed(equations)
     chunk, work, factored, coupling = borrowed(chunk), borrowed(work), borrowed(factored), borrowed(coupling)
     force, shift = borrowed(force), borrowed(shift)
     reactions, place, kind = work.reactions, work.reactions.place, work.reactions.whole[KIND]
+    status = work.reactions.whole[STATUS]
     right, x, p, some = work.vectors[0], work.vectors[1], work.vectors[2], work.vectors[3]
     held, u_before, base, rate, before, last, origin, apart, y, asked, found, more, damper = named(reactions)
     dt, b, mean, half = numbers.way.dt, numbers.b, numbers.way.mean, numbers.b * numbers.way.dt * numbers.cvw
@@ -321,7 +332,7 @@ def advance(
                 for j in range(m):
                     origin[j], row = rate[j] if explicit else base[j], there + j
                     if rules is not None:  # noqa: SIM102
-                        if kind[j] == HOLDS:
+                        if kind[j] != ACTS:
                             assert drift is not None
                             origin[j] = base[j]
                             if not mean:
@@ -364,8 +375,11 @@ def advance(
             if rules is not None:  # noqa: SIM102
                 if not rules.present[k + 1, j]:
                     y[j] = rules.away[j]
-            if dampers:
-                rate[j] = _rate(rows, rules, drift, k, there + j, q1, v1, dampers)
+            if dampers or rules is not None:
+                rate[j] = _rate(rows, rules, drift, k, there + j, q1, v1, True)
+            if rules is not None:  # noqa: SIM102
+                if rules.stops and (status[j] != rules.status[j] or rate[j] * status[j] < 0.0):
+                    return k, solves
             chunk.u[k + 1, j], chunk.reaction[k + 1, j] = y[j], found[j]
         if dampers or past:
             call(reactions.laws, place, y, 0, y, 0, FINISH, 0.0)
@@ -419,17 +433,18 @@ def _prepare(
     mean, dt, stride, whole, reach = numbers.way.mean, numbers.way.dt, rules.stride, reactions.whole, reactions.coupling
     u0, per, target = reactions.of_laws[U0], reactions.of_laws[PER], reactions.of_laws[TARGET]
     ahead = dt * dt * (numbers.cvw + 0.5)
+    push, limit, reached = reactions.of_laws[PUSH], reactions.of_laws[LIMIT], reactions.of_laws[REACHED]
     for j in range(per.size):
-        kind = rules.kind[k, j]
+        kind, status = rules.kind[k, j], rules.status[j]
         whole[KIND, j], whole[PRESSING, j], whole[SPRUNG, j] = kind, rules.pressing[j], rules.springs[j]
+        whole[STATUS, j], push[j], limit[j], reached[j] = status, rules.push[0, k, j], rules.push[1, k, j], 0.0
         per[j], target[j] = numbers.per_y, 0.0
-        if kind == HOLDS:
-            if mean and rules.anchored[j]:
-                target[j] = u0[j]
-            if not mean:
-                per[j] = ahead if rules.anchored[j] else ahead + dt * dt * numbers.cqw
-        elif kind == PUSHES:
-            target[j] = rules.push[k, j]
+        if kind != ACTS and not mean:
+            per[j] = ahead if rules.anchored[j] else ahead + dt * dt * numbers.cqw
+        if kind == PUSHES:
+            target[j] = status * push[j]
+        elif mean and rules.anchored[j]:
+            target[j] = u0[j]
         if rules.springs[j] and rules.pressing[j] < 0:
             at = laws.table[j, FIRST] + 3
             laws.parameters[at], laws.parameters[at + 1] = rules.normal[k, j], rules.normal[k + 1, j]
@@ -440,5 +455,5 @@ def _prepare(
             _pull(rows, k * stride, (k + 1) * stride, j, whole[KIND, j], mean, numbers.b, -1.0, answer)
             solve(factored, answer)
         for i in range(per.size):
-            row = (k + 2 if whole[KIND, i] == HOLDS and not mean else k + 1) * stride + i
+            row = (k + 2 if whole[KIND, i] != ACTS and not mean else k + 1) * stride + i
             reach[i, j] = per[i] * share * (dot(rows, row, answer) if stride > 0 else compliance[i, j])

@@ -15,7 +15,7 @@ from vofem.integrators.stepping.checks import check_times, contact_checks
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.guides import Guides
 from vofem.integrators.stepping.kernel import Equations, Size, advance, work_space
-from vofem.integrators.stepping.reactions import begin_reactions
+from vofem.integrators.stepping.reactions import Reactions, begin_reactions
 from vofem.integrators.stepping.record import Path, Record, Switches, hysteretic_energy
 from vofem.integrators.stepping.scheme import Forcing, Loaded
 from vofem.integrators.stepping.step_loads import StepLoads
@@ -78,7 +78,7 @@ class Run:
         if system.sliders is not None:
             from vofem.integrators.stepping.sliding import Sliders
 
-            self.sliders = Sliders(system, self.laws, self.rows, v)
+            self.sliders = Sliders(system, structure.mass, self.laws, self.rows, v)
         self.guides = None
         if self.movement is not None or self.sliders is not None:
             self.guides = Guides(structure, self.laws, self.sliders)
@@ -241,18 +241,20 @@ class Run:
         """
         if self.sliders is None or not self.sliders.chosen:
             return self.advanced(path, dt, t, forcing, pots)
-        first, self.taken = path.filled, 0
-        for k, end in enumerate(t.tolist()):
-            if not self.sliders.step(self, path, dt, end, forcing.at(k), cut=False):
-                break
-            self.taken, path.filled = k + 1, path.filled + 1
+        first = path.filled
+        self.taken = self.sliders.steps(self, path, dt, t, forcing, cut=False)
         path.filled = first
         return self.taken if self.taken == t.size else -1
 
     def advanced(
-        self, path: Path, dt: float, t: Array, forcing: Forcing, pots: Any, status: IntArray | None = None
+        self, path: Path, dt: float, t: Array, forcing: Forcing, pots: Any, status: IntArray | None = None,
+        fixed: bool = False,
     ) -> int:  # fmt: skip
-        """Take steps as `steps` does, with the statuses of sliders, shape (k,), where they are given."""
+        """Take steps as `steps` does, with the statuses of sliders at the start, shape (k,), where they are given.
+
+        Several steps end before one within which a slider turns.
+        `fixed`: whether sliders keep these statuses.
+        """
         known, values = self.size(dt), forcing.values
         force = shift = np.empty((0, self.system.size))
         if self.vectors.size:
@@ -263,7 +265,7 @@ class Run:
         equations, drift, rules = self.equations, None, None
         if self.guides is not None:
             ahead = np.concatenate([[t[0] - dt], t, [t[-1] + dt]])
-            equations, drift, rules = self.guides.over(path, ahead, equations, status)
+            equations, drift, rules = self.guides.over(path, ahead, equations, status, fixed)
         earlier = path.chunk.a[max(path.filled - 1, 0)] if self.scheme.mean else None
         self.taken, solves = advance(
             equations, *known.size[:3], self.dampers, pots, drift, rules, force, shift, earlier, path.steps(t.size),
@@ -276,13 +278,19 @@ class Run:
     def _work(self, size: Size) -> Any:
         """Return work space."""
         if self._space is None:
-            self._space = work_space(self.equations, size)
+            slides = self.sliders is not None and self.sliders.chosen
+            self._space = work_space(self.equations, size, slides)
         if self._of is not size:
             self._of, work, numbers = size, self._space[0], size.numbers
             begin_reactions(
                 work.reactions, numbers.way, numbers.per_y, numbers.part, size.coupling, size.factored, size.banded
             )  # fmt: skip
         return self._space[0]
+
+    @property
+    def reactions(self) -> Reactions:
+        """How kernels found the forces of the last step."""
+        return self._space[0].reactions
 
     def enter(self, path: Path, dt: float, t: Array, forcing: Forcing) -> None:
         """Enter steps that were taken into a path: their times and energies."""
@@ -296,7 +304,7 @@ class Run:
         if self.dampers:
             path.dissipated[rows] += self._lost_in_laws(steps.damper, way)
         if self.sliders is not None:
-            lost, jumps = self.sliders.enter(path, first, count, self.scheme.mean)
+            lost, jumps = self.sliders.enter(path, first, count, self.scheme)
             path.dissipated[rows] += lost
             path.work[first + 1] += jumps
         if self.past is not None:

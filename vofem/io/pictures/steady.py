@@ -159,7 +159,7 @@ def _runs(branch: Branch) -> Iterator[tuple[bool | None, slice]]:
 
 @figure
 def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: Where = None, *, ax: Any = None) -> Any:
-    """Draw Floquet multipliers in the complex plane, with the unit circle.
+    """Draw Floquet multipliers in the complex plane, with the unit circle; orbits without known ones are left out.
 
     Parameters
     ----------
@@ -170,14 +170,15 @@ def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: W
     Raises
     ------
     ArgumentError
-        If the multipliers of an orbit are not known.
+        If the multipliers of no orbit are known.
     """
     given = list(orbit.orbits) if isinstance(orbit, Branch) else orbit
     orbits = several("multipliers: orbit", given, PeriodicOrbit, "vf.periodic")
     known = [one.multipliers for one in orbits if one.multipliers is not None]
-    if not known or len(known) < len(orbits):
+    if not known:
         raise ArgumentError(
-            "multipliers: the multipliers of an orbit are not known, because a law has a memory; its notes name the law"
+            "multipliers: the multipliers of no orbit are known. If its notes name a law with a memory, simulate the "
+            "scene to see whether it settles; otherwise take more harmonics"
         )
     canvas = Canvas("multipliers", path, ax, (6.4, 5.6))
     axes = canvas.grid[0, 0]

@@ -24,17 +24,16 @@ from vofem.integrators.event_driven.flow import Start, flow, modal_state, modes_
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.laws import CLOSED, OPEN
 from vofem.scene import Scene, as_scene
-from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import Branch, BranchCounters, Orbits
 from vofem.studies.steady.condensed import GOOD, Condensed, reduced
-from vofem.studies.steady.follow import Follower
+from vofem.studies.steady.family import Interval
+from vofem.studies.steady.follow import Quiet
 from vofem.studies.steady.near import signature_at
 from vofem.studies.steady.newton import raised, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.point import Interval, OriginChart, Point
+from vofem.studies.steady.point import OriginChart, Point
 from vofem.studies.steady.problem import Work
 from vofem.studies.steady.shooting import Shooting, flow_refusal
-from vofem.studies.steady.special import SpecialPoint
 from vofem.system import State, System
 
 #: Steps of Newton's method, and the residual that is small enough.
@@ -300,8 +299,8 @@ class _Search:
         now = track[-1][1]
         towards = now - track[-2][1] if len(track) > 1 else now * np.append(np.ones(self.space.size), 0.0)
         scales = np.append(np.full(now.size - 1, np.linalg.norm(now[:-1])), now[-1])
-        family: Any = _Levels(self, kind)
-        walker = _Walk(family, Interval(0.0, level), most=most, noun="backbone")
+        family: Any = _Levels(self, kind, Interval(0.0, level))
+        walker = Quiet(family, most=most, noun="backbone")
         here = kind.of(self, now[:-1])[0]
         first = walker.point(_RestChart(), np.append(now, here), np.append(towards / scales, 0.0))
         walker.follow(first, _SHORT)
@@ -313,7 +312,7 @@ class _Search:
 
     def solved(self, guess: Array, kind: _Level, level: float) -> Array:
         """Return the oscillation at a level near a guess: displacement at rest and half the period, shape (n + 1,)."""
-        return solved(_AtLevel(self, kind, level), guess, _STEPS).unknowns
+        return solved(_AtLevel(self, kind, level).evaluate, guess, _STEPS, tolerance=_TOLERANCE).unknowns
 
     def speeds(self, y: Array) -> tuple[Array, Array]:
         """Return the modal velocities after half a period over the speed of the motion, and their derivative.
@@ -388,7 +387,6 @@ class _AtLevel:
     search: _Search
     kind: _Level
     level: float
-    tolerance: ClassVar[float] = _TOLERANCE
 
     @property
     def size(self) -> int:
@@ -410,6 +408,7 @@ class _Levels:
 
     search: _Search
     kind: _Level
+    interval: Interval
     what: ClassVar[str] = "backbone"
 
     @property
@@ -432,14 +431,6 @@ def _far(a: Array, b: Array) -> bool:
     """Return whether two displacements differ in direction by more than a step may."""
     cosine = float(a @ b) / float(np.linalg.norm(a) * np.linalg.norm(b))
     return cosine < 0.9
-
-
-class _Walk(Follower):
-    """Follows a backbone, on which no special points are searched."""
-
-    def located(self, step: Step, earlier: Step | None) -> list[SpecialPoint]:
-        """Return nothing."""
-        return []
 
 
 def _not_reached(points: list[Point], kind: _Level, level: float, why: str) -> ConvergenceError:

@@ -11,7 +11,7 @@ import numpy as np
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.point import Interval, Point, corrected, derivative_by_value, tangent_at
+from vofem.studies.steady.point import Point, corrected, derivative_by_value, tangent_at
 
 #: `Evaluation.error` that the orbits reach with which special points are located.
 EXACT = 1e-14
@@ -46,9 +46,7 @@ class Step:
         return float(np.linalg.norm(self.secant))
 
 
-def between(
-    family: Family, interval: Interval, step: Step, share: float, known: Known, tolerance: float
-) -> tuple[Array, Any, Array]:
+def between(family: Family, step: Step, share: float, known: Known, tolerance: float) -> tuple[Array, Any, Array]:
     """Return an orbit between two neighbours, at a share of the way along the line between them."""
     first, last, scales = step.first, step.last, step.first.scales
     normal = step.secant / step.length
@@ -76,8 +74,8 @@ def between(
     # Near a branch point the equations are nearly singular and need an exact derivative.
     problem = family.of(common[2])
     start = first.chart.evaluate(problem, common[2][:-1])
-    by_value = derivative_by_value(family, interval, first.chart, common[2], start)
-    return corrected(*common, by_value, 16, tolerance, improve=False)
+    by_value = derivative_by_value(family, first.chart, common[2], start)
+    return corrected(*common, by_value, 16, tolerance)
 
 
 def interpolated(places: list[float], values: list[Array], slopes: list[Array], at: float) -> Array:
@@ -98,7 +96,6 @@ def interpolated(places: list[float], values: list[Array], slopes: list[Array], 
 def point_between(
     family: Family,
     step: Step,
-    interval: Interval,
     share: float,
     known: Known = _NONE,
     *,
@@ -107,9 +104,9 @@ def point_between(
 ) -> Point:
     """Return a point between two neighbours; `known` ones between them, by their shares, make the guess better."""
     first = step.first
-    y, evaluation, by_value = between(family, interval, step, share, known, tolerance)
+    y, evaluation, by_value = between(family, step, share, known, tolerance)
     direction = first.tangent
     if tangent:
-        by_value = derivative_by_value(family, interval, first.chart, y, evaluation)
+        by_value = derivative_by_value(family, first.chart, y, evaluation)
         direction = tangent_at(evaluation, by_value, first.scales, step.secant / step.length)
     return Point(first.chart, y, family.of(y), evaluation, first.scales, by_value, direction)

@@ -19,11 +19,11 @@ from vofem.studies.steady.branch import BranchCounters, Curve
 from vofem.studies.steady.census import Test, kind_of, multipliers, pairs_at_one, real_at, turning
 from vofem.studies.steady.crossings import root
 from vofem.studies.steady.extended import Extended
-from vofem.studies.steady.family import Family
+from vofem.studies.steady.family import Family, Interval
 from vofem.studies.steady.follow import LARGEST, Follower
 from vofem.studies.steady.near import signature_at
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.point import ORIGIN, Interval, Point, corrected
+from vofem.studies.steady.point import ORIGIN, Point, corrected
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.special import KINDS, SpecialPoint, special_at
 from vofem.studies.steady.steady_state import as_guess
@@ -174,10 +174,9 @@ def locus(
             f"locus: a {special.kind} is followed by shooting, and this one was found by harmonic balance, which "
             "follows folds and branch points; find it with vofem.continuation(..., method='shooting')"
         )
-    interval = Interval(start, stop)
-    family, first = _begin(build, special, interval)
+    family, first = _begin(build, special, Interval(start, stop))
     noun = f"locus of {special.kind}"
-    walker = _Walk(family, interval, largest=max_step, most=max_points, seconds=max_seconds, noun=noun)
+    walker = _Walk(family, largest=max_step, most=max_points, seconds=max_seconds, noun=noun)
     first = walker.directed(first)
     if special.kind == "branch_point" and abs(first.tangent[-3]) > _UNFOLDS:
         raise ArgumentError(
@@ -203,7 +202,7 @@ class _Walk(Follower):
     def directed(self, first: Point) -> Point:
         """Return the first point with its tangent towards the far end of the interval."""
         towards = np.zeros(first.y.size)
-        towards[-1] = 1.0 if self.interval.stop > self.interval.start else -1.0
+        towards[-1] = 1.0 if self.family.interval.stop > self.family.interval.start else -1.0
         return self.point(first.chart, first.y, towards, first.evaluation)
 
     def located(self, step: Step, earlier: Step | None) -> list[SpecialPoint]:
@@ -216,7 +215,7 @@ class _Walk(Follower):
             tests.append(("fold", lambda point: float(np.sin(0.5 * point.y[-3]))))
             tests.append(("period_doubling", lambda point: float(np.cos(0.5 * point.y[-3]))))
         tests.append(("turn", turning))
-        if multipliers(middle) is not None:
+        if all(point.evaluation.multipliers is not None for point in (middle, step.last)):
             # A pair begins where both multipliers of a double one belong together.
             names = [_PAIR if at == kind else at for at in ("fold", "period_doubling")]
             tests += [(names[0], real_at(1.0)), (names[1], real_at(-1.0)), (_PAIR, pairs_at_one(middle))]
@@ -225,7 +224,7 @@ class _Walk(Follower):
             ends = [test(step.first), test(step.last)]
             if not np.all(np.isfinite(ends)) or max(map(abs, ends)) <= _ROUNDING or ends[0] * ends[1] > 0.0:
                 continue
-            at = root(self.family, step, self.interval, test)
+            at = root(self.family, step, test)
             if at is None:
                 continue
             if test is tests[-1][1] and not _is_pair(at[0]):
@@ -267,7 +266,6 @@ class _Walk(Follower):
 def _is_pair(point: Point) -> bool:
     """Return whether a complex pair lies on the unit circle, and not two real multipliers around it."""
     values = multipliers(point)
-    assert values is not None
     return bool(np.min(np.abs(np.abs(values) - 1.0)) < _ON_CIRCLE) and kind_of(point) == _PAIR
 
 
@@ -286,7 +284,7 @@ def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interv
 
         assert orbit.unknowns is not None
         harmonics = harmonics_in(orbit.scene, orbit.unknowns.size)
-    family = Family("locus", build, orbit.method, orbit.periods, harmonics, parameters=2)
+    family = Family("locus", build, interval, orbit.method, orbit.periods, harmonics, parameters=2)
     problem = family.at(value, interval.start)
     if isinstance(problem, Shooting):
         problem = as_guess(problem, orbit)

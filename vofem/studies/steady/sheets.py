@@ -13,7 +13,7 @@ from vofem.studies.steady.branch import Branch, Orbits
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.follow import FIRST, Follower
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.point import Point, corrected, derivative_by_value
+from vofem.studies.steady.point import Point, corrected, derivative_by_value, scales_of
 from vofem.studies.steady.special import SpecialPoint
 
 #: Relative difference below which two solutions are the same orbit, and first steps that are tried on a leaving branch.
@@ -110,7 +110,7 @@ class Sheets:
         direction = self._direction(family, start, special, doubles)
         last: ConvergenceError | None = None
         for factor in _TRIED:
-            walker = Follower(family, self.walker.interval, largest=self.walker.largest, most=self.walker.most)
+            walker = Follower(family, largest=self.walker.largest, most=self.walker.most)
             try:
                 walker.follow(replace(start, tangent=direction), FIRST * factor, leaving=True)
             except ConvergenceError as error:
@@ -130,9 +130,9 @@ class Sheets:
         chart, y = point.chart.doubled(point.y[:-1])
         problem = family.at(point.value)
         evaluation = chart.evaluate(problem, y)
-        scales = np.append(chart.scales(problem, evaluation), self.walker.interval.size)
+        scales = scales_of(family, chart, problem, evaluation)
         y = np.append(y, point.value)
-        by_value = derivative_by_value(family, self.walker.interval, chart, y, evaluation)
+        by_value = derivative_by_value(family, chart, y, evaluation)
         return Point(chart, y, problem, evaluation, scales, by_value, np.zeros_like(y))
 
     def _direction(self, family: Family, start: Point, special: SpecialPoint, doubles: bool) -> Array:
