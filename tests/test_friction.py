@@ -445,7 +445,7 @@ def test_other_steps_slide_with_second_order(method: str, sooner: float) -> None
     assert errors[1] < 6e-2 * sooner
     assert errors[0] > 3.7 * errors[1]
     # The largest friction force is that of the normal force at the time of balance, or some step has no solution.
-    s, _, histories = data("bounce_spring")
+    s, _, histories = reference_case("friction/bounce_spring")
     scene, x = bouncing(s)
     errors = []
     for count in (500, 2000, 4000):
