@@ -460,7 +460,7 @@ def test_other_steps_slide_with_second_order(method: str, sooner: float) -> None
 
 def test_a_slider_that_sticks_behind_a_spring_does_not_slip() -> None:
     """By every method, also where it came to rest within the last step."""
-    s, _, histories = data("chain")
+    s, _, histories = reference_case("friction/chain")
     scene, _ = chain(s, stiffness=float(histories["kt_jenkins"]), static=1.5)
     for result in (run(scene, s["t_end"]), steps(scene, s["t_end"], 1600)):
         slider = result.frictions["pad"]
