@@ -36,6 +36,9 @@ _STEPS, _FAR = 2, 200.0
 #: Halvings of the loads until an orbit is found, and the most orbits from there to the whole loads.
 _HALVINGS, _WAY = 8, 500
 
+#: Factor by which a motion is larger than that of an orbit from rest where it has no bound.
+_UNBOUNDED = 1e10
+
 #: Closings slower than this, of the largest speed of the contact, are reported as grazings.
 _SLOW = 1e-3
 
@@ -114,9 +117,11 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
     else:
         try:
             start = problem.from_rest() if guess is None else problem.from_orbit(guess)
-            equations: Any = problem
-            shoots = isinstance(problem, Shooting)
-            found = orbit_near(problem, start, orbit=guess) if shoots else solved(equations.evaluate, start)
+            if isinstance(problem, Shooting):
+                found = orbit_near(problem, start, orbit=guess)
+            else:
+                equations: Any = problem
+                found = solved(equations.evaluate, start)
         except ConvergenceError as error:
             seen = seen_of(problem, guess) if isinstance(problem, Shooting) else ""
             raise ConvergenceError(
@@ -132,9 +137,23 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
             "vofem.continuation finds one by branch.switch at a period doubling"
         )
     if isinstance(problem, Shooting):
+        _refuse_unbounded(what, problem, evaluation.sizes)
         problem, found, more = _with_enough_vectors(problem, found)
         notes += more
     return problem, found, notes
+
+
+def _refuse_unbounded(what: str, problem: Shooting, sizes: tuple[float, float]) -> None:
+    """Raise where a motion without damping is so large that what the loads do in an orbit is lost in its rounding."""
+    if problem.system.damped:
+        return
+    z, v = problem.to_modes(problem.outside(np.zeros(problem.size)))
+    driven = problem.run(Start(0.0, z, v), problem.duration, check=True).sizes
+    if any(size > _UNBOUNDED * one > 0.0 for size, one in zip(sizes, driven, strict=True)):
+        raise ConvergenceError(
+            f"{what}: no orbit was found. Its motion is unbounded: a load acts at a natural frequency of a structure "
+            "without damping. Add damping, such as ModalDamping, or choose another frequency"
+        )
 
 
 def as_guess(problem: Any, guess: Any) -> Any:
