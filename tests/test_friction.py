@@ -453,6 +453,16 @@ def test_other_steps_slide_with_second_order(method: str, sooner: float) -> None
     assert errors[0] > 8.0 * errors[-1]
 
 
+def test_a_slider_that_sticks_behind_a_spring_does_not_slip() -> None:
+    """By every method, also where it came to rest within the last step."""
+    s, _, histories = reference_case("friction/chain")
+    scene, _ = chain(s, stiffness=float(histories["kt_jenkins"]), static=1.5)
+    for result in (run(scene, s["t_end"]), steps(scene, s["t_end"], 1600)):
+        slider = result.frictions["pad"]
+        assert 0.0 < np.mean(slider.status == 0) < 1.0
+        np.testing.assert_array_equal(slider.slip_speed == 0.0, slider.status == 0)
+
+
 @pytest.mark.parametrize("method", ["energy_conserving", "generalized_alpha", "central_difference"])
 def test_a_slider_behind_a_spring_is_pressed_by_a_contact(method: str) -> None:
     """It is relaxed at every closing; the motion amplifies errors, so that many steps are needed."""

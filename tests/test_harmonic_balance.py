@@ -210,13 +210,19 @@ def test_multipliers_of_a_beam_agree_with_shooting(damped):
 
 
 def test_special_points_along_a_branch():
-    """A flip lies where it lies by shooting, however few the harmonics are."""
+    """A flip lies where it lies by shooting, however few the harmonics are, and orbits over two periods begin there."""
     (exact,) = vf.continuation(bilinear, 2.5, 2.2).special
     for harmonics in (10, 20):
-        (flip,) = vf.continuation(bilinear, 2.5, 2.2, method="harmonic_balance", harmonics=harmonics).special
+        branch = vf.continuation(bilinear, 2.5, 2.2, method="harmonic_balance", harmonics=harmonics)
+        (flip,) = branch.special
         assert flip.kind == exact.kind == "period_doubling"
         assert np.min(np.abs(flip.orbit.multipliers + 1.0)) < 1e-9
         assert flip.value == pytest.approx(exact.value, abs=1e-9)
+    (orbit,) = branch.switch(flip).at(2.45)
+    doubled = vf.periodic(bilinear(2.45), periods=2)
+    assert orbit.periods == 2
+    assert orbit.amplitude(orbit.scene.bodies[0]) == pytest.approx(doubled.amplitude(doubled.scene.bodies[0]), rel=1e-4)
+    assert orbit.multipliers == pytest.approx(doubled.multipliers, abs=1e-9)
 
 
 @pytest.mark.parametrize("harmonics", [8, 50])

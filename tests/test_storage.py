@@ -456,6 +456,8 @@ def test_command_line_saves_and_renders(tmp_path, monkeypatch, capsys):
     assert cli.main(["run", "ball.toml", "--save", "ball.vtkhdf", "--overwrite", "--no-pictures"]) == 0
     assert cli.main(["run", "ball.toml", "--save", "no/such/run.vtkhdf", "--no-pictures"]) == 1
     assert cli.main(["run", "ball.toml", "--save", "run.png", "--no-pictures"]) == 1
+    assert cli.main(["run", "ball.toml", "--no-pictures", "--save"]) == 0
+    assert Path("output/ball/run.vtkhdf").stat().st_size == len(before)
     capsys.readouterr()
     assert cli.main(["render", "ball.vtkhdf", "--output", "pictures", "--times", "1.0", "2.0"]) == 0
     named = capsys.readouterr().out.split("wrote ")[1].split()
