@@ -89,22 +89,22 @@ def jenkins(omega, harmonics):
 
 def test_jenkins_oscillator_converges_to_exact_orbits():
     """Forces with kinks have harmonics like k^-2, displacements like k^-4, whose tail falls like H^-3 or faster."""
-    rows = [tuple(map(float, row[:2])) for row in P7["jenkins_exact"]["rows"][::8]]
-    counts = np.array([8, 16, 32, 64])
+    rows = [tuple(map(float, row[:2])) for row in P7["jenkins_exact"]["rows"][::16]]
+    counts = np.array([8, 16, 32])
     errors = []
     for harmonics in counts.tolist():
         found = [jenkins(omega, harmonics) for omega, _ in rows]
         off = [abs(orbit.amplitude(m) / peak - 1.0) for (orbit, m), (_, peak) in zip(found, rows, strict=True)]
         errors.append(max(off))
         assert max(off) <= max(orbit.truncation.largest for orbit, _ in found)
-    assert errors[-1] < 3e-8
+    assert errors[-1] < 16.0 * 3e-8  # with twice as many it is a sixteenth, as the next test shows
     slope = np.polyfit(np.log(counts), np.log(errors), 1)[0]
     assert -5.0 < slope < -3.0
 
 
 def test_exact_orbits_of_the_jenkins_oscillator():
-    """With 64 harmonics each is met within what the orbit says of itself; a third of the 33 is enough for a test."""
-    for omega, peak in (map(float, row[:2]) for row in P7["jenkins_exact"]["rows"][1::3]):
+    """With 64 harmonics each is met within what the orbit says of itself; a sixth of the 33 is enough for a test."""
+    for omega, peak in (map(float, row[:2]) for row in P7["jenkins_exact"]["rows"][1::6]):
         orbit, mass = jenkins(omega, 64)
         off = abs(orbit.amplitude(mass) / peak - 1.0)
         assert off < 3e-8, omega
@@ -210,13 +210,19 @@ def test_multipliers_of_a_beam_agree_with_shooting(damped):
 
 
 def test_special_points_along_a_branch():
-    """A flip lies where it lies by shooting, however few the harmonics are."""
+    """A flip lies where it lies by shooting, however few the harmonics are, and orbits over two periods begin there."""
     (exact,) = vf.continuation(bilinear, 2.5, 2.2).special
     for harmonics in (10, 20):
-        (flip,) = vf.continuation(bilinear, 2.5, 2.2, method="harmonic_balance", harmonics=harmonics).special
+        branch = vf.continuation(bilinear, 2.5, 2.2, method="harmonic_balance", harmonics=harmonics)
+        (flip,) = branch.special
         assert flip.kind == exact.kind == "period_doubling"
         assert np.min(np.abs(flip.orbit.multipliers + 1.0)) < 1e-9
         assert flip.value == pytest.approx(exact.value, abs=1e-9)
+    (orbit,) = branch.switch(flip).at(2.45)
+    doubled = vf.periodic(bilinear(2.45), periods=2)
+    assert orbit.periods == 2
+    assert orbit.amplitude(orbit.scene.bodies[0]) == pytest.approx(doubled.amplitude(doubled.scene.bodies[0]), rel=1e-4)
+    assert orbit.multipliers == pytest.approx(doubled.multipliers, abs=1e-9)
 
 
 @pytest.mark.parametrize("harmonics", [8, 50])
@@ -360,9 +366,9 @@ def test_chain_with_all_laws():
     omega = 1.5
     scene = vf.Scene(masses, [*effects, vf.PointLoad(two, vf.Sine(1.0, omega, phase=np.pi / 2))])
     orbit = vf.periodic(scene, harmonics=25)
-    run = vf.simulate(scene, 10 * orbit.period, initial=orbit, method="energy_conserving", dt=orbit.period / 160)
+    run = vf.simulate(scene, 4 * orbit.period, initial=orbit, method="energy_conserving", dt=orbit.period / 160)
     for mass in masses:
-        off = run.displacement(mass, 9 * orbit.period + orbit.result.times) - orbit.result.displacement(mass)
+        off = run.displacement(mass, 3 * orbit.period + orbit.result.times) - orbit.result.displacement(mass)
         assert np.abs(off).max() < 2e-3 * orbit.amplitude(mass)
 
 

@@ -17,6 +17,7 @@ from vofem.integrators.base import (
     ContactSamples,
     Energies,
     Sensitivity,
+    Truncation,
     status_at,
 )
 from vofem.integrators.event_driven.bounces import Bounces, bounces_of
@@ -95,7 +96,9 @@ class EventSolution:
     continuous = True
     springs = None
     probes = None
-    truncation = None
+    #: What a run in Ritz vectors leaves out, and these vectors, shape (n, n_modes); None where all modes are kept.
+    truncation: Truncation | None = None
+    vectors: Array | None = None
 
     def __init__(self, system: System, space: ModalSpace, t_end: float, times: Array, counters: Counters) -> None:
         self.t_end = t_end
@@ -160,8 +163,12 @@ class EventSolution:
 
     @property
     def modes(self) -> tuple[Array, Array]:
-        """Squared frequencies (n,) and shapes (n, n) of the modes without contacts."""
-        return self.space.stiffness, self.space.shapes
+        """Squared frequencies (n_modes,) and shapes (n, n_modes) of the modes without contacts."""
+        return self.space.stiffness, self._shapes
+
+    @cached_property
+    def _shapes(self) -> Array:
+        return self.space.shapes if self.vectors is None else self.vectors @ self.space.shapes
 
     @property
     def segments(self) -> Segments:
@@ -485,12 +492,8 @@ class EventSolution:
             if z is not None and v is not None:
                 return z, v
         # In memory each row holds one time.
-        rows, rates = np.empty((2, times.size, self.space.size))
-        for regime, mine, used, own, begins, moved in self.moved(times):
-            displacement, velocity = regime.to_modes(moved)
-            first, rate = self._begun(regime, used, begins)
-            rows[mine], rates[mine] = first[own] + displacement, rate[own] + velocity
-        found = rows.T, rates.T
+        found = (np.empty((times.size, self.space.size)).T, np.empty((times.size, self.space.size)).T)
+        self._visit(times, found)
         # A few times, as those of an energy at the start, do not take the place of many.
         if times.size > 1 or self._sampled is None:
             self._sampled = asked, [weakref.ref(part) for part in found]
@@ -531,18 +534,25 @@ class EventSolution:
 
         They are rows over the states of blocks, so that no modes are computed. The last ones are kept.
         """
-        asked = times.tobytes()
-        if self._pressed is not None and self._pressed[0] == asked:
-            return self._pressed[1]
+        known = self._pressed is not None and self._pressed[0] == times.tobytes()
+        return self._pressed[1] if known and self._pressed is not None else self._visit(times)
+
+    def _visit(self, times: Array, modes: tuple[Array, Array] | None = None) -> tuple[Array, Array, Status]:
+        """Return `pressed`, and fill in modal displacements and velocities, each (n, n_times)."""
         laws, rows, record = self.system.contacts, self.space.contacts, self.record
-        assert laws is not None
-        s, rates, held = np.empty((len(laws), times.size)), np.zeros((len(laws), times.size)), []
-        damped, status = bool(np.any(laws.damping)), self.status_at(times)
+        s, rates, held = np.empty((len(rows), times.size)), np.zeros((len(rows), times.size)), []
+        damped = laws is not None and bool(np.any(laws.damping))
         for regime, mine, used, own, begins, moved in self.moved(times):
+            first, rate = self._begun(regime, used, begins)
+            if modes is not None:
+                displacement, velocity = regime.to_modes(moved)
+                modes[0].T[mine], modes[1].T[mine] = first[own] + displacement, rate[own] + velocity
+            if laws is None:
+                continue
             s[:, mine] = record.buffers.gaps[used].T[:, own] + regime.coordinates @ flat(moved).T
             if damped:
-                rate = rows @ self._begun(regime, used, begins)[1].T
-                rates[:, mine] = rate[:, own] + regime.over_blocks(rows)[len(rows) :] @ flat(moved).T
+                speed = rows @ rate.T
+                rates[:, mine] = speed[:, own] + regime.over_blocks(rows)[len(rows) :] @ flat(moved).T
             if regime.held:
                 number = np.flatnonzero(record.status(int(used[0])) == PINNED)
                 # The interval's ends are roots, found to rounding.
@@ -551,20 +561,24 @@ class EventSolution:
             if regime.sliding is not None:
                 number = np.arange(regime.sliding.sliders.first, len(laws))
                 held.append((number, mine, regime.sliding.forces @ flat(begins[own] + moved).T))
+        if laws is None:
+            return s, rates, np.zeros(s.shape, dtype=np.int64)
         if self.moving is not None:
             rates = rates + self.moving.rate(times)
+        status = self.status_at(times)
         force = laws.force(s, rates, status)
         for number, mine, values in held:
             force[np.ix_(number, mine)] = values
-        found = s, force, status
-        self._pressed = (asked, found) if s.size <= _MOST_KEPT else None
-        return found
+        # As in `modal`.
+        if times.size > 1 or self._pressed is None:
+            self._pressed = times.tobytes(), (s, force, status)
+        return s, force, status
 
     @_evaluation
     def sample(self, times: Array) -> ModalSamples:
         """Return the motion at any times; the acceleration is that of the equation of motion."""
         z, v = self.modal(times)
-        return ModalSamples(self.space.shapes, z, v, lambda: self._acceleration(times, z, v))
+        return ModalSamples(self._shapes, z, v, lambda: self._acceleration(times, z, v))
 
     @_evaluation
     def _acceleration(self, times: Array, z: Array, v: Array) -> Array:

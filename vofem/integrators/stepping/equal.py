@@ -22,7 +22,7 @@ _CHUNK_WORK = 200_000
 _PLAIN_WORK = 10_000
 
 #: Steps of one call at most.
-_MOST_STEPS = 8192
+_MOST_STEPS = 16384
 
 #: Rows of a path for steps that are cut.
 _ROOM = 40

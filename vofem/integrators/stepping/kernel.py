@@ -56,7 +56,7 @@ from vofem.laws.law import FIRST, FORCE, Laws, Way, ask
 from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.laws.springpot_steps import Springpots, begin_springpots, end_springpots
 from vofem.linalg.banded import solve, subtract_product
-from vofem.linalg.vectors import copy, fill
+from vofem.linalg.vectors import copy, fill, multiply_transposed
 
 #: A correction of the mean velocity above this fraction of it is corrected again.
 _SMALL = 2.0**-6
@@ -71,6 +71,7 @@ class Numbers(NamedTuple):
     cva: float
     cvw: float
     alpha_m: float
+    lag: float  #: Time from that of accelerations to the end of the step, over the step.
     way: Way  #: How laws act.
     per_y: float  #: Rise of what a law depends on with ``b_j.w``, its coordinate or in explicit steps its rate.
     part: float  #: Weight of a law's force in the balance of the step.
@@ -134,6 +135,7 @@ class Chunk(NamedTuple):
     past: Array  #: Internal variables of laws, shape (steps + 1, s).
     #: Mean force of springpots over the step, N, and energy stored at its end, J, shape (steps + 1, n_pots, 2).
     pots: Array
+    ends: Array  #: Accelerations at the ends of steps where `a` lags behind, shape (steps + 1, n); else (steps + 1, 0).
 
 
 class Work(NamedTuple):
@@ -183,6 +185,19 @@ def _plain_between(into: Array, x: Array, part: float, y: Array) -> None:
 
 
 @jit
+def _ahead(q0: Array, v0: Array, a0: Array, dt: float, cq: float, cv: float, q1: Array, v1: Array) -> None:
+    """Let ``q1 = q0 + dt v0 + cq a0`` and ``v1 = v0 + cv a0``."""
+    for i in range(q0.size):
+        q1[i] = q0[i] + dt * v0[i] + cq * a0[i]
+        v1[i] = v0[i] + cv * a0[i]
+
+
+@plain_form(_ahead)
+def _plain_ahead(q0: Array, v0: Array, a0: Array, dt: float, cq: float, cv: float, q1: Array, v1: Array) -> None:
+    q1[:], v1[:] = q0 + dt * v0 + cq * a0, v0 + cv * a0
+
+
+@jit
 def _difference(into: Array, factor: float, x: Array, y: Array) -> None:
     """Let ``into = factor (x - y)``."""
     for i in range(into.size):
@@ -214,8 +229,8 @@ def _plain_largest(x: Array) -> float:
 @jit
 def advance(
     equations: Equations, numbers: Numbers, factored: Array, coupling: Array, dampers: bool, pots: Springpots | None,
-    drift: Array | None, rules: Rules | None, force: Array, shift: Array, earlier: Array | None, chunk: Chunk,
-    work: Work,
+    drift: Array | None, rules: Rules | None, values: Array, loads: Array, shift: Array, earlier: Array | None,
+    chunk: Chunk, work: Work,
 ) -> tuple[int, int]:  # fmt: skip
     """Take the steps that a chunk has rows for.
 
@@ -226,7 +241,7 @@ def advance(
     `drift` (shape (2, steps + 2, m)): what is added to the laws' coordinates ``b.q`` at the ends of steps, and one step
     ahead, m, and its rates.
     `rules`: what rows do that are no laws at fixed places; not without `drift`.
-    `force` (shape (steps, n)): loads in the balance of every step; no rows where there are none.
+    `values` (shape (steps, k)), `loads` (shape (k, n)): in the balance of every step, as sums of values times loads.
     `shift` (shape (steps, n)): mean velocity less the mean rate of displacement, m/s; no rows where it is zero.
     `earlier` (shape (n,)): mean acceleration over the step before that before the first one; None where laws do not act
     by mean forces.
@@ -235,7 +250,7 @@ def advance(
     """
     mass, stiffness, damping, rows, laws = borrowed(equations)
     chunk, work, factored, coupling = borrowed(chunk), borrowed(work), borrowed(factored), borrowed(coupling)
-    force, shift = borrowed(force), borrowed(shift)
+    values, loads, shift = borrowed(values), borrowed(loads), borrowed(shift)
     reactions, place, kind = work.reactions, work.reactions.place, work.reactions.whole[KIND]
     status = work.reactions.whole[STATUS]
     right, x, p, some = work.vectors[0], work.vectors[1], work.vectors[2], work.vectors[3]
@@ -246,6 +261,8 @@ def advance(
         stride = rules.stride
     way, explicit, weight = numbers.way, numbers.way.explicit, numbers.part
     damped, shifted, past = damping.shape[0] > 0, shift.shape[0] > 0, laws.state.size > 0
+    if m == 0:
+        x = right
     # Whether forces are known before the acceleration, so that nothing is searched.
     known = explicit and not dampers and rules is None
     if past:
@@ -259,9 +276,7 @@ def advance(
         if earlier is not None:
             _sum(p, v0, half, earlier if k == 0 else chunk.a[k - 1])
         else:
-            _sum(q1, q0, dt, v0)
-            _sum(q1, q1, dt * dt * numbers.cqa, a0)
-            _sum(v1, v0, dt * numbers.cva, a0)
+            _ahead(q0, v0, a0, dt, dt * dt * numbers.cqa, dt * numbers.cva, q1, v1)
         for j in range(m):
             if not known:
                 u_before[j], before[j], last[j] = chunk.u[k, j], chunk.damper[k, j], chunk.reaction[k, j]
@@ -278,10 +293,7 @@ def advance(
             begin_springpots(pots, k, laws, way, chunk.pots, u_before, base, rate)
         solved, turned = 0, False
         for again in range(4):
-            if force.shape[0] > 0:
-                copy(force[k], right)
-            else:
-                fill(right, 0.0)
+            multiply_transposed(loads, values[k], right)
             if earlier is not None:
                 # Forces first: on fine meshes they cancel, and what inertia adds must not be rounded to their size.
                 _sum(some, q0, b * dt, p)
@@ -326,7 +338,8 @@ def advance(
                 for j in range(m):
                     held[j] = found[j]
                     _pull(rows, here, there, j, kind[j], mean, b, weight * found[j], right)
-            copy(right, x)
+            if m > 0:
+                copy(right, x)
             solve(factored, x)
             if m > 0 and not known and (solved or again == 0):
                 for j in range(m):
@@ -367,7 +380,13 @@ def advance(
             if not explicit:
                 _sum(q1, q1, dt * dt * numbers.cqw, x)
             _sum(v1, v1, dt * numbers.cvw, x)
-            _between(a1, a0, 1.0 / (1.0 - numbers.alpha_m), x)
+            if numbers.alpha_m == 0.0:
+                copy(x, a1)
+            else:
+                _between(a1, a0, 1.0 / (1.0 - numbers.alpha_m), x)
+            if numbers.lag != 0.0:
+                _difference(chunk.ends[k + 1], numbers.lag, a1, a0)
+                _sum(chunk.ends[k + 1], chunk.ends[k + 1], 1.0, a1)
         for j in range(m):
             y[j] = base[j] if explicit else dot(rows, there + j, q1)
             if drift is not None and not explicit:

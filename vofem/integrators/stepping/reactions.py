@@ -286,7 +286,7 @@ def _react(place: int, p: Any, z: Any, question: float, unused: float) -> float:
             change = w[FORCES, j] - w[FOUND, j]
             # In a law much stiffer than the structure, the rounding of u may be the largest error of its force.
             noise = 4.0 * _EPS * (abs(w[FORCES, j]) + abs(w[FOUND, j]) + w[SLOPE, j] * w[SIZE, j])
-            still = still and abs(w[MOVE, j]) <= (demand if band else 4.0 * _EPS) * w[SIZE, j]
+            still = still and abs(w[MOVE, j]) <= 4.0 * _EPS * w[SIZE, j]
             rounded = rounded and abs(change) <= noise
             if whole[KIND, j] == ACTS and not whole[SPRUNG, j]:
                 start += w[MOVE, j] * change
@@ -421,16 +421,27 @@ def _in_band(place: int, p: Any, z: Any, step: float, unused: float) -> float:
     )  # fmt: skip
     per_y, part = shaped(floats(numbers), (7,))[PER_Y], shaped(floats(numbers), (7,))[PART]
     matrix, band = shaped(floats(at[_COUPLING]), (width, n)), shaped(floats(at[_MATRIX]), (width, n))
+    factored = shaped(floats(at[_FACTORED]), (at[_FACTORED_SIZE], n))
+    if step == 0.0:
+        # What reactions did if none of them cancelled others: u is the sum of terms so large.
+        fill(x, 0.0)
+        for j in range(m):
+            for e in range(rows.start[j], rows.start[j + 1]):
+                x[rows.column[e]] += abs(part * w[MORE, j] * rows.weight[e])
+        solve(factored, x)
+        for j in range(m):
+            w[SIZE, j] = abs(w[FREE, j])
+            for e in range(rows.start[j], rows.start[j + 1]):
+                w[SIZE, j] += abs(per_y * rows.weight[e] * x[rows.column[e]])
     fill(x, 0.0)
     for j in range(m):
         force = w[STEP, j] if step > 0.0 else w[MORE, j]
         if force != 0.0:
             subtract_row(rows, j, part * force, x)
     if step == 0.0:
-        solve(shaped(floats(at[_FACTORED]), (at[_FACTORED_SIZE], n)), x)
+        solve(factored, x)
         for j in range(m):
-            moved = per_y * dot(rows, j, x)
-            w[Y, j], w[SIZE, j] = w[FREE, j] + moved, abs(w[FREE, j]) + abs(moved)
+            w[Y, j] = w[FREE, j] + per_y * dot(rows, j, x)
         return 0.0
     for a in range(width):
         copy(matrix[a], band[a])

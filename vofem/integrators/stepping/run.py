@@ -255,21 +255,19 @@ class Run:
         Several steps end before one within which a slider turns.
         `fixed`: whether sliders keep these statuses.
         """
-        known, values = self.size(dt), forcing.values
-        force = shift = np.empty((0, self.system.size))
-        if self.vectors.size:
-            count = self._acting(values)
-            force = values[:, :count] @ known.loads[:count]
-            if self.scheme.mean and np.any(forcing.first):
-                shift = forcing.first @ known.shift
+        known, shift = self.size(dt), np.empty((0, self.system.size))
+        count = self._acting(forcing.values)
+        values, loads = np.ascontiguousarray(forcing.values[:, :count]), known.loads[:count]
+        if self.scheme.mean and np.any(forcing.first):
+            shift = forcing.first @ known.shift
         equations, drift, rules = self.equations, None, None
         if self.guides is not None:
             ahead = np.concatenate([[t[0] - dt], t, [t[-1] + dt]])
             equations, drift, rules = self.guides.over(path, ahead, equations, status, fixed)
         earlier = path.chunk.a[max(path.filled - 1, 0)] if self.scheme.mean else None
         self.taken, solves = advance(
-            equations, *known.size[:3], self.dampers, pots, drift, rules, force, shift, earlier, path.steps(t.size),
-            self._work(known.size),
+            equations, *known.size[:3], self.dampers, pots, drift, rules, values, loads, shift, earlier,
+            path.steps(t.size), self._work(known.size),
         )  # fmt: skip
         if self.callbacks is not None:
             self.callbacks.complain(dt)
@@ -311,25 +309,23 @@ class Run:
             mine = slice(self.past.row, self.past.row + self.past.count)
             mean = _middle(steps.reaction[:, mine]) if self.scheme.explicit else steps.pots[1:, :, 0]
             path.absorbed[rows] = mean * way[:, mine]
-        if self.scheme.lags:
-            out = path.out[rows]
-            np.subtract(steps.a[1:], steps.a[:-1], out=out)
-            out *= self.scheme.alpha_f - self.scheme.alpha_m
-            out += steps.a[1:]
         path.filled += count
 
     def _work_of_loads(self, dt: float, steps: Any, forcing: Forcing) -> Array | float:
         """Return the work in J of the loads over steps, shape (steps,)."""
-        known, means = self.size(dt), forcing.means
+        known, acting = self.size(dt), self._acting(forcing.means)
         if not self.vectors.size:
             return 0.0
+        loads, means = known.loads[:acting], forcing.means[:, :acting]
+        # A load on few unknowns sees few of their displacements.
+        on = np.flatnonzero(loads.any(axis=0))
+        seen = on if 4 * on.size < self.system.size else slice(None)
         if not self.scheme.mean or self.sliders is not None:
-            acting = self._acting(means)
-            return np.einsum("ke,ke->k", np.diff(steps.q @ known.loads[:acting].T, axis=0), means[:, :acting])
-        along = _middle(steps.v @ known.loads.T)
+            return np.einsum("ke,ke->k", np.diff(steps.q[:, seen] @ loads[:, seen].T, axis=0), means)
+        along = _middle(steps.v[:, seen] @ loads[:, seen].T)
         if not np.any(forcing.first):
             return dt * np.einsum("ke,ke->k", along, means)
-        along -= forcing.first @ (known.shift @ known.loads.T)
+        along -= forcing.first @ (known.shift @ loads.T)
         inner = dt * np.einsum("ke,ke->k", steps.a[1:] @ known.inertia.T, forcing.first)
         return np.asarray(inner + dt * np.einsum("ke,ke->k", along, means))
 

@@ -42,7 +42,8 @@ class Scheme(NamedTuple):
         way = Way(mean, explicit, (1.0 + ahead) / part, ahead / part, dt)
         per_y = dt * cvw if explicit else dt * dt * cqw
         return Numbers(
-            1.0 - af, 0.5 - beta - beta * share, cqw, 1.0 - gamma - gamma * share, cvw, am, way, per_y, part
+            1.0 - af, 0.5 - beta - beta * share, cqw, 1.0 - gamma - gamma * share, cvw, am,
+            af - am if self.lags else 0.0, way, per_y, part
         )  # fmt: skip
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Protocol, overload
 
 import numpy as np
@@ -103,6 +102,8 @@ class Orbits(Sequence[PeriodicOrbit]):
 class Curve(Saved):
     """A curve of orbits that files hold and that notebooks show; see `Branch` and `Locus` for its attributes."""
 
+    _saver = "curve"
+
     def __init__(
         self,
         special: Sequence[SpecialPoint],
@@ -118,12 +119,6 @@ class Curve(Saved):
         """Return how many special points of each kind there are."""
         kinds = [point.kind for point in self.special]
         return ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "nothing special"
-
-    def _writer(self) -> Callable[..., Path]:
-        # Late, because studies know no file format.
-        from vofem.io.storage.branch_file import save
-
-        return save
 
 
 class Branch(Curve):

@@ -40,7 +40,7 @@ from vofem.studies.steady.law_path import PASSES, LawPaths, nonlinear_groups
 from vofem.studies.steady.linear_rest import FULL, Attached, LinearRest, linear_laws
 from vofem.studies.steady.loads import load_series
 from vofem.studies.steady.near import orbit_near
-from vofem.studies.steady.newton import ROUNDING
+from vofem.studies.steady.newton import ROUNDING, TOLERANCE, raised, solved
 from vofem.studies.steady.orbit import DECIDED, OrbitTruncation, PeriodicOrbit
 from vofem.studies.steady.problem import OrbitProblem, Work
 from vofem.studies.steady.shooting import Shooting
@@ -252,8 +252,6 @@ class HarmonicBalance(OrbitProblem):
 
     def from_rest(self) -> Array:
         """Return the response with laws raised stepwise to full strength, or if that fails the end of a transient."""
-        from vofem.studies.steady.newton import TOLERANCE, raised, solved
-
         start = to_real(self.free[:, : self.harmonics + 1].T).T.ravel()
         if not self.size:
             return start
@@ -280,8 +278,6 @@ class HarmonicBalance(OrbitProblem):
 
     def from_orbit(self, orbit: Any) -> Array:
         """Return the harmonics of an orbit, or of the last period of a `Result`, along the laws' coordinates."""
-        from vofem.studies.steady.orbit import PeriodicOrbit
-
         if isinstance(orbit, PeriodicOrbit):
             known = orbit.unknowns
             same = orbit.method == "harmonic_balance" and orbit.periods == self.periods

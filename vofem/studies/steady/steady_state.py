@@ -115,9 +115,11 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
     else:
         try:
             start = problem.from_rest() if guess is None else problem.from_orbit(guess)
-            equations: Any = problem
-            shoots = isinstance(problem, Shooting)
-            found = orbit_near(problem, start, orbit=guess) if shoots else solved(equations.evaluate, start)
+            if isinstance(problem, Shooting):
+                found = orbit_near(problem, start, orbit=guess)
+            else:
+                equations: Any = problem
+                found = solved(equations.evaluate, start)
         except ConvergenceError as error:
             seen = seen_of(problem, guess) if isinstance(problem, Shooting) else ""
             raise ConvergenceError(
