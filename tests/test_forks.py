@@ -6,9 +6,11 @@ import threading
 import time
 
 import pytest
+from numba.core import event
 from scenes import on_stop
 
 import vofem as vf
+from vofem.kernels.jit import imported_numba
 from vofem.locks import Lock
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
@@ -103,24 +105,27 @@ def test_a_fork_waits_for_an_import_of_another_thread(tmp_path, monkeypatch):
 
 
 def test_a_fork_waits_for_a_compilation_of_another_thread():
-    from numba.core.compiler_lock import global_compiler_lock
+    """In the child nobody would open the lock of numba, and the next compilation would wait for good."""
+    numba, begun, done = imported_numba(), threading.Event(), []
 
-    held, done = threading.Event(), []
-
-    def compile_long():
-        with global_compiler_lock:
-            held.set()
+    class Slow(event.Listener):
+        def on_start(self, event):
+            begun.set()
             time.sleep(0.5)
+
+        def on_end(self, event):
             done.append("compiled")
 
-    def enter():
-        with global_compiler_lock:
-            return len(done)
+    def compile_one():
+        return numba.njit(lambda x: x + 1)(0)
 
-    thread = threading.Thread(target=compile_long)
+    def in_a_thread():
+        with event.install_listener("numba:compile", Slow()):
+            compile_one()
+
+    thread = threading.Thread(target=in_a_thread)
     thread.start()
-    held.wait()
-    assert in_child(enter, 10.0) == 1
+    begun.wait()
+    assert in_child(lambda: int(done[:1] != ["compiled"] or compile_one() != 1), 10.0) == 0
     thread.join()
-    with global_compiler_lock:  # open again in this process
-        pass
+    assert compile_one() == 1  # the lock is open again in this process

@@ -30,6 +30,9 @@ class LoadFunction(Protocol):
     def __call__(self, t: ArrayLike) -> Array:
         """Return the values at times t."""
 
+    def __mul__(self, factor: Any) -> LoadFunction:
+        """Return the function times a number."""
+
     def breakpoints(self, t_end: float) -> Array:
         """Return the times at which the closed form changes."""
 

@@ -169,3 +169,7 @@ def _lock() -> Any:
 
     folder = cache_folder()
     return None if folder is None else filelock.FileLock(folder / "vofem.lock")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_lock.cache_clear)  # The lock of the parent cannot be used.

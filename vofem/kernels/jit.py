@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import os
-import sys
+import threading
 import types
 from collections.abc import Callable, Iterator
 from functools import cache, cached_property, update_wrapper
@@ -158,41 +158,27 @@ def _borrowed() -> Any:
 borrowed: Any = Intrinsic(_borrowed, lambda bundle: bundle)
 
 
-#: Whose turn it is to compile; and the compiler's lock where it is held for a fork.
-_TURN = Turn()
-_held: list[Any] = []
-
-
-def _before_fork() -> None:
-    """Let compilations of other threads end: their lock would stay closed in the child."""
-    lock = getattr(sys.modules.get("numba.core.compiler_lock"), "global_compiler_lock", None)
-    if lock is not None:
-        _TURN.depth += 1  # A fork does not wait for compilations of other processes.
-        lock.acquire()
-        _held.append(lock)
-
-
-def _after_fork() -> None:
-    while _held:
-        _held.pop().release()
-        _TURN.depth -= 1
-
+#: Which process compiles, and which thread of this one. A fork waits for the thread, not for other processes: in the
+#: child nobody would open numba's lock.
+_TURN, _COMPILES = Turn(), threading.RLock()
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork)
+    os.register_at_fork(before=_COMPILES.acquire, after_in_parent=_COMPILES.release, after_in_child=_COMPILES.release)
 
 
 @cache
 def imported_numba() -> Any:
-    """Return numba, which compiles from now on only when it is this process's turn."""
+    """Return numba, whose threads from now on take their turn to compile, each before it takes numba's lock."""
     import numba
     from numba.core import event
 
     class Compiling(event.Listener):
         def on_start(self, event: Any) -> None:
             _TURN.__enter__()
+            _COMPILES.acquire()
 
         def on_end(self, event: Any) -> None:
+            _COMPILES.release()
             _TURN.__exit__()
 
     event.register("numba:compiler_lock", Compiling())

@@ -22,7 +22,7 @@ from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.blocks import response
 from vofem.integrators.event_driven.clusters import Group
-from vofem.integrators.event_driven.exosystem import exosystem, gathered
+from vofem.integrators.event_driven.exosystem import exosystem, gathered, pushes
 from vofem.integrators.event_driven.flow import modes_of
 from vofem.integrators.event_driven.pieces import Maps, Pieces, Structure, maps, pass_segments, pieces, structure
 from vofem.integrators.event_driven.regime import Motion, Regime, Regimes, start_motion
@@ -156,7 +156,7 @@ class Course:
         self._linear = Regimes(system, self.space, self._vectors, counters, self.sliders)
         # The loads have no breakpoints.
         edges = np.array([0.0, horizon])
-        self.loads = exosystem(functions, edges, constant=system.contacts is not None)
+        self.loads = exosystem(functions, edges, constant=group is not None or pushes(system.contacts))
         self._stuck: dict[bytes, Stuck | None] = {}
         self._table: _Table | None = None
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.linalg.oscillators import oscillators
-from vofem.system import Load
+from vofem.system import ContactLaws, Load
 from vofem.time_functions import TimeFunction
 
 Integers = NDArray[np.int64]
@@ -163,6 +163,11 @@ def gathered(loads: Sequence[Load], rows: Array) -> tuple[list[Any], Array]:
     for place, vector in zip(owner, rows, strict=True):
         vectors[place] += vector
     return functions, vectors
+
+
+def pushes(laws: ContactLaws | None) -> bool:
+    """Return whether contacts push at their gaps, by offsets or by what holds them there, so that 1 is a load."""
+    return laws is not None and bool(np.any(laws.offset) or np.any(laws.jump) or np.any(laws.rigid))
 
 
 def exosystem(functions: Sequence[TimeFunction], edges: Array, *, constant: bool) -> Exosystem:

@@ -278,7 +278,7 @@ class SlidingSolution(EventSolution):
             states = flat(begins[own] + moved)
             signs = sliders.signs(record.status(int(at[mine[0]])))
             force[:, mine] = regime.sliding.forces @ states.T
-            slip[:, mine] = np.where(signs[:, None] != 0.0, regime.sliding.speeds @ states.T, 0.0)
+            slip[:, mine] = regime.sliding.speeds @ states.T
             status[:, mine] = signs[:, None].astype(np.int64)
             path = flat(moved) @ regime.coordinates[first:].T
             lost[:, mine] = (signs * sliders.limit)[:, None] * path.T

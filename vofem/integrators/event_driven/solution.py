@@ -21,7 +21,7 @@ from vofem.integrators.base import (
     status_at,
 )
 from vofem.integrators.event_driven.bounces import Bounces, bounces_of
-from vofem.integrators.event_driven.exosystem import Exosystem, exosystem, gathered
+from vofem.integrators.event_driven.exosystem import Exosystem, exosystem, gathered, pushes
 from vofem.integrators.event_driven.modal_samples import ModalSamples
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.pinned import may_pin, should_pin
@@ -445,9 +445,7 @@ class EventSolution:
 
     def loads_between(self, edges: Array) -> Exosystem:
         """Return the loads between some times, of which the breakpoints are some."""
-        laws = self.system.contacts
-        constant = laws is not None and bool(np.any(laws.offset) or np.any(laws.jump) or np.any(laws.rigid))
-        return exosystem(self.load_functions, edges, constant=constant)
+        return exosystem(self.load_functions, edges, constant=pushes(self.system.contacts))
 
     def regime(self, status: Status, kind: int) -> Regime:
         """Return the linear piece of a contact status under loads of a kind."""

@@ -27,12 +27,11 @@ from vofem.scene import Scene
 from vofem.studies.steady import Branch, BranchCounters, Locus, PeriodicOrbit, SpecialPoint
 from vofem.studies.steady.branch import Orbits
 from vofem.studies.steady.condensed import condensed
-from vofem.studies.steady.family import Family, problem_of
+from vofem.studies.steady.family import Family, Interval, problem_of
 from vofem.studies.steady.follow import Follower
 from vofem.studies.steady.harmonic_balance import harmonics_in
 from vofem.studies.steady.near import signature_at
 from vofem.studies.steady.orbit import OrbitTruncation
-from vofem.studies.steady.point import Interval
 from vofem.studies.steady.shooting import orbit_result
 from vofem.studies.steady.signature import CLOSES
 from vofem.studies.steady.steady_state import as_guess
@@ -52,7 +51,7 @@ _SAME = 1e-8
 _AGAIN = "follow the branch again with vofem.continuation"
 
 #: Version of the format. It is increased when this version could not read the new files.
-FORMAT = 3
+FORMAT = 4
 
 
 def save(curve: Branch | Locus, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
@@ -95,7 +94,6 @@ def _orbits(orbits: Sequence[PeriodicOrbit], folder: Path) -> dict[str, Any]:
         except SceneFileError as error:
             texts.append("")
             problems.append(str(error))
-    known = [orbit.multipliers is not None for orbit in orbits]
     starts = [orbit.start is not None for orbit in orbits]
     return {
         "scenes": texts,
@@ -107,7 +105,7 @@ def _orbits(orbits: Sequence[PeriodicOrbit], folder: Path) -> dict[str, Any]:
         "autonomous": np.array([orbit.autonomous for orbit in orbits]),
         "stable": [orbit.stable for orbit in orbits],
         "notes": [list(orbit.notes) for orbit in orbits],
-        "multipliers": np.array([orbit.multipliers for orbit in orbits]) if all(known) and known else None,
+        "multipliers": [orbit.multipliers for orbit in orbits],
         "truncation": [None if orbit.truncation is None else list(astuple(orbit.truncation)) for orbit in orbits],
         "unknowns": [orbit.unknowns for orbit in orbits],
         "q": np.array([orbit.start.q for orbit in orbits if orbit.start]) if all(starts) and starts else None,
@@ -128,14 +126,15 @@ def read(file: h5py.File) -> Branch | Locus:
         SpecialPoint(kind, value, makers[count + k](), contact, place, other)
         for k, (kind, value, contact, place, other) in enumerate(record["special"])
     ]
-    values, counters = record["values"], BranchCounters(**record["counters"])
-    shared = {"notes": record["notes"], "interrupted": record["interrupted"]}
+    values: Any = record["values"]
+    shared: dict[str, Any] = {name: record[name] for name in ("notes", "interrupted")}
+    shared |= {"values": values, "special": special, "counters": BranchCounters(**record["counters"])}
     if GROUP not in file:
-        return Locus(values, record["kind"], special, counters, contact=record["contact"], **shared)
+        return Locus(kind=record["kind"], contact=record["contact"], **shared)
     orbits = Orbits(makers[:count])
     free = bool(np.any(kept["autonomous"]))
     source = None if free else _Loaded(kept, values, special, orbits, folder)
-    return Branch(values, orbits, special, counters, periods=record["periods"], source=source, **shared)
+    return Branch(orbits=orbits, periods=record["periods"], _source=source, **shared)
 
 
 def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicOrbit]:
@@ -177,7 +176,7 @@ def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicO
             method,
             omega,
             periods,
-            multipliers=None if kept["multipliers"] is None else kept["multipliers"][k],
+            multipliers=kept["multipliers"][k],
             residual=float(kept["residual"][k]),
             result=result,
             motion=motion,
@@ -286,12 +285,13 @@ class _Loaded:
         if nearest.method == "harmonic_balance":
             assert unknowns is not None
             harmonics = harmonics_in(nearest.scene, unknowns.size)
-        family = Family("at", self.build, nearest.method, nearest.periods, harmonics)
+        interval = Interval(float(self._values.min()), float(self._values.max()))
+        family = Family("at", self.build, interval, nearest.method, nearest.periods, harmonics)
         problem = as_guess(family.at(value), nearest)
         family.begin_with(problem, value)
         ends = [problem.from_orbit(orbit) for orbit in (before, after)]
         guess = ends[0] + share * (ends[1] - ends[0])
-        walker = Follower(family, Interval(float(self._values.min()), float(self._values.max())))
+        walker = Follower(family)
         for start in (guess, *ends):
             try:
                 point = walker.begin(start, value)

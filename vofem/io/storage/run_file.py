@@ -30,7 +30,7 @@ from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.stepped import SteppedSolution
 from vofem.io.scenes.scene_text import scene_to_toml
 from vofem.io.storage.history import read_history, write_history
-from vofem.io.storage.records import Encoder, decode, restored_scene, scene_record
+from vofem.io.storage.records import decode, encoder, restored_scene, scene_record
 from vofem.io.storage.tree import read_array, read_tree, write_array, write_text, write_tree
 from vofem.io.storage.vtkhdf import frame_times, write_fields
 from vofem.kernels.mode import kernels
@@ -98,11 +98,6 @@ def restored_solution(
     return solution
 
 
-def has_segments(result: Result) -> bool:
-    """Return whether a run is a sequence of segments."""
-    return not isinstance(result.solution, SteppedSolution)
-
-
 SUFFIXES = (".vtkhdf", ".h5", ".hdf")
 
 #: Version of the format. It is increased when this version could not read the new files.
@@ -141,8 +136,8 @@ def save(
             "t_start": result.t_start,
             "start": result.start,
         }
-        write_tree(own.create_group("run"), record, Encoder(used))
-        if has_segments(result):
+        write_tree(own.create_group("run"), record, encoder(used))
+        if not isinstance(result.solution, SteppedSolution):
             write_segments(blocks, own.create_group("segments"), result.solution)
         write_history(blocks, result)
         write_fields(blocks, file.create_group("VTKHDF"), result, times, magnification)

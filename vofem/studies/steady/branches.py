@@ -12,9 +12,8 @@ from vofem.errors import ArgumentError
 from vofem.progress import Progress
 from vofem.scene import Scene
 from vofem.studies.steady.branch import Branch
-from vofem.studies.steady.family import METHODS, Family
+from vofem.studies.steady.family import METHODS, Family, Interval
 from vofem.studies.steady.follow import LARGEST, Follower
-from vofem.studies.steady.point import Interval
 from vofem.studies.steady.sheets import branch_of
 from vofem.studies.steady.steady_state import first_orbit
 
@@ -91,12 +90,11 @@ def continuation(
     max_step = number("continuation: max_step", max_step, positive=True)
     if max_seconds is not None:
         max_seconds = number("continuation: max_seconds", max_seconds, positive=True)
-    family = Family("continuation", build, method, periods, harmonics)
-    interval = Interval(start, stop)
+    family = Family("continuation", build, Interval(start, stop), method, periods, harmonics)
     problem = family.at(start)
     problem, found, notes = first_orbit("continuation", problem, guess)
     family.begin_with(problem, start)
-    walker = Follower(family, interval, largest=max_step, most=max_points, seconds=max_seconds)
+    walker = Follower(family, largest=max_step, most=max_points, seconds=max_seconds)
     walker.notes += [*notes, *undamped(problem.scene.model.system)]
     walker.follow(walker.begin(found.unknowns, start), progress=progress)
     return branch_of(walker)

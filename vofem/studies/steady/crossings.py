@@ -22,7 +22,6 @@ from vofem.studies.steady.census import (
     collision,
     counted,
     determinant,
-    multipliers,
     orientation,
     pair,
     pairs_at_one,
@@ -30,10 +29,9 @@ from vofem.studies.steady.census import (
     stays_on_circle,
     turning,
 )
-from vofem.studies.steady.extended import Extended, SpecialEquations
+from vofem.studies.steady.extended import Extended
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.newton import solved
-from vofem.studies.steady.point import TOLERANCE, Interval, Point, derivative_by_value, tangent_at
+from vofem.studies.steady.point import TOLERANCE, Point, derivative_by_value, tangent_at
 from vofem.studies.steady.shorter import at_flip, repeats
 from vofem.studies.steady.special import SpecialPoint, special_at
 
@@ -68,8 +66,8 @@ _LOOKS, _CLOSE = 16, 1e-8
 #: Values of a test that are rounding, as those of conservative scenes, where multipliers come in reciprocal pairs.
 _ROUNDING = 1e-9
 
-#: Steps of Newton's method to a branch point, and how far it may lie from where it was seen, in scaled coordinates.
-_NEWTON, _NEARBY = 12, 1e-3
+#: How far a branch point may lie from where it was seen, in scaled coordinates.
+_NEARBY = 1e-3
 
 #: How near to a special point, as a share of its part of the step, its neighbours are compared, and how near to it the
 #: parts on both sides begin; the first of these is taken at which it shows.
@@ -95,25 +93,25 @@ class _Part:
         """Return special points of this part with their share of the whole step."""
         return [replace(one, place=self.low + one.place * (self.high - self.low)) for one in found]
 
-    def cut(self, family: Family, interval: Interval, share: float) -> tuple[_Part, _Part]:
+    def cut(self, family: Family, share: float) -> tuple[_Part, _Part]:
         """Return the parts on both sides of a share of this part."""
-        middle = point_between(family, self.step, interval, share)
+        middle = point_between(family, self.step, share)
         at = self.low + share * (self.high - self.low)
         return _Part(Step(self.step.first, middle), self.low, at), _Part(Step(middle, self.step.last), at, self.high)
 
 
-def crossings(family: Family, step: Step, interval: Interval) -> list[SpecialPoint]:
+def crossings(family: Family, step: Step) -> list[SpecialPoint]:
     """Return the special points of a step, in the order of the branch, that can be found from its two ends."""
     shorter = repeats(step.first, step.last)
     if shorter is not None:
-        at = root(family, step, interval, shorter)
+        at = root(family, step, shorter)
         if at is not None:
-            return [special_at(SHORTER, at_flip(family, at[0], interval), at[1])]
-    return _found(family, interval, step, None)
+            return [special_at(SHORTER, at_flip(family, at[0]), at[1])]
+    return _found(family, step, None)
 
 
 def hidden(
-    family: Family, interval: Interval, steps: tuple[Step, Step], known: tuple[set[str], set[str]]
+    family: Family, steps: tuple[Step, Step], known: tuple[set[str], set[str]]
 ) -> tuple[list[SpecialPoint], list[SpecialPoint]]:
     """Return opposite special points of two successive steps, which cannot be found from the ends of the steps.
 
@@ -125,13 +123,13 @@ def hidden(
     """
     found: tuple[list[SpecialPoint], list[SpecialPoint]] = ([], [])
     for kinds, test in _tests(steps[0].last):
-        place = _lowest(family, interval, steps, test)
+        place = _lowest(family, steps, test)
         if place is None:
             continue
         which = int(place > 0.0)
         if kinds & (known[which] | {one.kind for one in found[which]}):
             continue
-        seen = _found(family, interval, steps[which], place if which else 1.0 + place)
+        seen = _found(family, steps[which], place if which else 1.0 + place)
         found[which].extend(one for one in seen if one.kind in kinds)
     return found
 
@@ -139,7 +137,7 @@ def hidden(
 def _tests(middle: Point) -> list[tuple[set[str], Test]]:
     """Return functions that change their sign at special points, and the kinds of these."""
     tests: list[tuple[set[str], Test]] = [({"fold", "branch_point"}, turning)]
-    if multipliers(middle) is not None:
+    if middle.evaluation.multipliers is not None:
         at_one: list[tuple[set[str], Test]] = [({"fold", "branch_point"}, real_at(1.0))]
         tests += [
             *(at_one if middle.chart.segmented else []),
@@ -149,12 +147,12 @@ def _tests(middle: Point) -> list[tuple[set[str], Test]]:
     return tests
 
 
-def _found(family: Family, interval: Interval, step: Step, cut: float | None) -> list[SpecialPoint]:
+def _found(family: Family, step: Step, cut: float | None) -> list[SpecialPoint]:
     """Return the special points of a step; each part of it that still shows a change beside them is looked at again."""
     parts = [_Part(step)]
     if cut is not None:
         with contextlib.suppress(ConvergenceError):
-            parts = list(parts[0].cut(family, interval, cut))
+            parts = list(parts[0].cut(family, cut))
     found: list[SpecialPoint] = []
     for _ in range(_MOST_PARTS):
         if not parts:
@@ -162,19 +160,19 @@ def _found(family: Family, interval: Interval, step: Step, cut: float | None) ->
         part = parts.pop()
         if not (_turned(part.step) or _counted(part.step)):
             continue
-        inside = sorted(_single(family, interval, part.step), key=lambda one: one.place)
+        inside = sorted(_single(family, part.step), key=lambda one: one.place)
         found += part.placed(inside)
         if part.high - part.low > _NARROW:
-            parts += _beside(family, interval, part, inside)
+            parts += _beside(family, part, inside)
     return sorted(found, key=lambda one: one.place)
 
 
-def _beside(family: Family, interval: Interval, part: _Part, found: list[SpecialPoint]) -> list[_Part]:
+def _beside(family: Family, part: _Part, found: list[SpecialPoint]) -> list[_Part]:
     """Return the parts before, between and after the special points of a part; two parts where it has none."""
     if not found:
         for share in _CUTS:
             with contextlib.suppress(ConvergenceError):
-                return list(part.cut(family, interval, share))
+                return list(part.cut(family, share))
         return []
     try:
         # Beside a branch point the equations are nearly singular, and rounding is large.
@@ -186,7 +184,7 @@ def _beside(family: Family, interval: Interval, part: _Part, found: list[Special
         for before, place, after in zip([0.0, *places[:-1]], places, [*places[1:], 1.0], strict=True):
             for margin in margins[place]:
                 ends = place - min(margin, 0.5 * (place - before)), place + min(margin, 0.5 * (after - place))
-                sides = [point_between(family, part.step, interval, end, known, tolerance=TOLERANCE) for end in ends]
+                sides = [point_between(family, part.step, end, known, tolerance=TOLERANCE) for end in ends]
                 # At a fold the branch turns and a multiplier passes 1, which rounding separates.
                 shown = _turned(Step(*sides)), _counted(Step(*sides))
                 if all(shown) or (any(shown) and place not in folds):
@@ -218,10 +216,10 @@ def _counted(step: Step) -> bool:
     )
 
 
-def _directed(family: Family, interval: Interval, point: Point) -> Point:
+def _directed(family: Family, point: Point) -> Point:
     """Return a point with the direction of the branch there, on the side of its tangent so far."""
     y, evaluation = point.y, point.evaluation
-    by_value = derivative_by_value(family, interval, point.chart, y, evaluation)
+    by_value = derivative_by_value(family, point.chart, y, evaluation)
     return replace(point, by_value=by_value, tangent=tangent_at(evaluation, by_value, point.scales, point.tangent))
 
 
@@ -239,7 +237,7 @@ def _changes(step: Step) -> Census | None:
     return Census(plus, minus, pairs)
 
 
-def _single(family: Family, interval: Interval, step: Step) -> list[SpecialPoint]:
+def _single(family: Family, step: Step) -> list[SpecialPoint]:
     """Return the special points of a step, that can be found from the numbers of multipliers at its ends."""
     found: list[SpecialPoint] = []
     changes = _changes(step)
@@ -251,20 +249,18 @@ def _single(family: Family, interval: Interval, step: Step) -> list[SpecialPoint
     else:
         passed, at_one = changes.plus, real_at(1.0)
     if turned:
-        found += _at_turn(family, interval, step, passed % 2 == 1)
+        found += _at_turn(family, step, passed % 2 == 1)
     elif passed:
-        found += _located(family, interval, step, "branch_point", at_one, passed, 0)
+        found += _located(family, step, "branch_point", at_one, passed, 0)
     if changes is not None:
-        found += _located(family, interval, step, "period_doubling", real_at(-1.0), changes.minus, 1)
+        found += _located(family, step, "period_doubling", real_at(-1.0), changes.minus, 1)
         without_loss = stays_on_circle(step.first) and stays_on_circle(step.last)
         at_pair = collision if without_loss else pair
-        found += _located(family, interval, step, "neimark_sacker", at_pair, changes.pairs, 2)
+        found += _located(family, step, "neimark_sacker", at_pair, changes.pairs, 2)
     return found
 
 
-def _located(
-    family: Family, interval: Interval, step: Step, kind: str, test: Test, change: int, which: int
-) -> list[SpecialPoint]:
+def _located(family: Family, step: Step, kind: str, test: Test, change: int, which: int) -> list[SpecialPoint]:
     """Return the places at which multipliers pass the unit circle, one for each of them."""
     tests = [test]
     if abs(change) > 1:
@@ -272,19 +268,19 @@ def _located(
         assert begin is not None
         passed = np.sign(change) * (np.arange(abs(change)) + 0.5)
         tests = [counted(which, begin[which] + float(one)) for one in passed]
-    found = [root(family, step, interval, one) for one in (tests if change else [])]
+    found = [root(family, step, one) for one in (tests if change else [])]
     if kind == "branch_point":
-        found = [None if at is None else (_exact(family, interval, at[0]), at[1]) for at in found]
+        found = [None if at is None else (_exact(family, at[0]), at[1]) for at in found]
     return [special_at(kind, *at) for at in found if at is not None]
 
 
-def _at_turn(family: Family, interval: Interval, step: Step, passed: bool) -> list[SpecialPoint]:
+def _at_turn(family: Family, step: Step, passed: bool) -> list[SpecialPoint]:
     """Return the special point at which a branch turns: a fold, or a point at which it meets another branch.
 
     At a fold the determinant changes its sign with the direction of the branch. Where it does not, the branch comes
     back along mirrored orbits: another branch of orbits, mostly symmetric ones, passes there.
     """
-    at = root(family, step, interval, turning)
+    at = root(family, step, turning)
     if at is None:
         return []
     point, share = at
@@ -292,41 +288,44 @@ def _at_turn(family: Family, interval: Interval, step: Step, passed: bool) -> li
         return [special_at("fold", point, share)]
     low, high = share - _BESIDE * share, share + _BESIDE * (1.0 - share)
     try:
-        beside = [point_between(family, step, interval, near) for near in (low, high)]
+        beside = [point_between(family, step, near) for near in (low, high)]
     except ConvergenceError:
         return [special_at("fold", point, share)]
     if orientation(beside[0]) == orientation(beside[1]):
-        return [special_at("branch_point", _exact(family, interval, point), share)]
+        return [special_at("branch_point", _exact(family, point), share)]
     # A fold; apart from it there is a branch point in the same step.
     return [special_at("fold", point, share)]
 
 
-def _exact(family: Family, interval: Interval, point: Point) -> Point:
+def _exact(family: Family, point: Point) -> Point:
     """Return a branch point solved as one; along a branch the equations become singular there, which spoils digits."""
-    equations = SpecialEquations(Extended(point.chart, family, "branch_point", interval.size))
+    chart = Extended(point.chart, family, "branch_point", family.interval.size)
     try:
-        found = solved(equations, np.concatenate([point.y[:-1], [0.0, point.value]]), _NEWTON).unknowns
+        found = chart.solved(np.concatenate([point.y[:-1], [0.0, point.value]]))
     except ConvergenceError:
         return point
     y = np.delete(found, -2)
     if np.linalg.norm((y - point.y) / point.scales) > _NEARBY:
         return point
     evaluation = point.chart.evaluate(family.of(y), y[:-1])
-    by_value = derivative_by_value(family, interval, point.chart, y, evaluation)
+    by_value = derivative_by_value(family, point.chart, y, evaluation)
     return replace(point, y=y, problem=family.of(y), evaluation=evaluation, by_value=by_value)
 
 
 # -- crossings that undo each other -------------------------------------------------------------------
 
 
-def _lowest(family: Family, interval: Interval, steps: tuple[Step, Step], test: Test) -> float | None:
+def _lowest(family: Family, steps: tuple[Step, Step], test: Test) -> float | None:
     """Return where a test has another sign than at the ends of two steps that agree in it; None if there is none.
 
     Returns from -1 to 0 in the first step, up to 1 in the second one, each in proportion to its length.
     """
     first, second = steps
     lengths = first.length, second.length
-    ends = [test(point) for point in (first.first, second.first, second.last)]
+    try:
+        ends = [test(point) for point in (first.first, second.first, second.last)]
+    except ConvergenceError:
+        return None
     if not np.all(np.isfinite(ends)) or min(lengths) <= 0.0 or np.max(np.abs(ends)) <= _ROUNDING:
         return None
     sign = np.sign(ends[1])
@@ -344,7 +343,7 @@ def _lowest(family: Family, interval: Interval, steps: tuple[Step, Step], test: 
         which = int(place > 0.0)
         share = place * longest / lengths[which] + (1 - which)
         try:
-            value = sign * test(point_between(family, steps[which], interval, share, tangent=test is turning))
+            value = sign * test(point_between(family, steps[which], share, tangent=test is turning))
         except ConvergenceError:
             return None
         if not np.isfinite(value):
@@ -404,7 +403,7 @@ def _vertex(known: dict[float, float]) -> _Vertex:
 # -- roots --------------------------------------------------------------------------------------------
 
 
-def root(family: Family, step: Step, interval: Interval, test: Test) -> tuple[Point, float] | None:
+def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
     """Return where a test function changes its sign, and its share of the step; None at a jump or a pole.
 
     Inverse quadratic interpolation is used where it is safe, and otherwise the bracket is halved (Chandrupatla, 1997).
@@ -430,7 +429,7 @@ def root(family: Family, step: Step, interval: Interval, test: Test) -> tuple[Po
             # A test that only touches zero beside its root is found out by a value on the other side.
             beside = a[0] in known and (settled or moved <= _FINE)
             share = a[0] + (min(_ROUGH, 0.5 * width) if beside else moved) * np.sign(b[0] - a[0])
-            known[share] = point_between(family, step, interval, share, known, tangent=test is turning)
+            known[share] = point_between(family, step, share, known, tangent=test is turning)
             value = test(known[share])
             rounding = moved <= _ROUGH and abs(value) >= abs(a[1])
             if (value > 0.0) == (a[1] > 0.0):
@@ -448,7 +447,7 @@ def root(family: Family, step: Step, interval: Interval, test: Test) -> tuple[Po
     value, share = min(found, default=(np.inf, 0.0))
     if value > vanishes:
         return None
-    return known[share] if test is turning else _directed(family, interval, known[share]), share
+    return known[share] if test is turning else _directed(family, known[share]), share
 
 
 def _portion(a: _Place, b: _Place, c: _Place | None) -> float:

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,11 @@ from numpy.typing import NDArray
 from vofem.arrays import Array, Complex
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.newton import direction
+from vofem.studies.steady.newton import direction, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
+
+#: Steps of Newton's method to a special orbit.
+_STEPS = 12
 
 #: Steps of differences along the null vector and by the parameter, relative to their scales.
 _ALONG, _BY_VALUE = 1e-5, 1e-6
@@ -178,6 +181,10 @@ class Extended:
             else:
                 jacobian[m, :m], jacobian[m, -1] = slopes[0], slope
         return ExtendedEvaluation(now, residual, jacobian, error, bend, critical.get(self.kind, (1.0 + 0.0j,)))
+
+    def solved(self, guess: Array) -> Array:
+        """Return the special orbit on a branch near a guess, with `value` as its last unknown."""
+        return solved(lambda y: self.evaluate(self.family.of(y), y), guess, _STEPS).unknowns
 
     @staticmethod
     def _bend(now: Any, slope: Array, along: Array) -> float:
@@ -357,15 +364,3 @@ class Extended:
 
     def _like(self, inner: Any, held: int) -> Extended:
         return Extended(inner, self.family, self.kind, self.size, held)
-
-
-@dataclass(frozen=True)
-class SpecialEquations:
-    """The equations of a special orbit on a branch, with `value` as the last unknown, for Newton's method."""
-
-    chart: Extended
-    tolerance: ClassVar[float] = 1e-13
-
-    def evaluate(self, unknowns: Array, *, derivative: bool = True) -> ExtendedEvaluation:
-        """Return the equations."""
-        return self.chart.evaluate(self.chart.family.of(unknowns), unknowns, derivative=derivative)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from vofem.arrays import Array
@@ -56,12 +56,36 @@ def problem_of(
     return Shooting(what, scene, periods, period=period, earlier=earlier, work=work)
 
 
+@dataclass(frozen=True)
+class Interval:
+    """The interval of the parameter along which a branch is followed."""
+
+    start: float
+    stop: float
+
+    @property
+    def size(self) -> float:
+        """Length of the interval."""
+        return abs(self.stop - self.start)
+
+    @property
+    def way(self) -> float:
+        """1 where the parameter grows from start to stop, else -1."""
+        return 1.0 if self.stop > self.start else -1.0
+
+    def beyond(self, value: float) -> float | None:
+        """Return the end that a value lies beyond, or None."""
+        low, high = min(self.start, self.stop), max(self.start, self.stop)
+        return low if value < low else high if value > high else None
+
+
 @dataclass
 class Family:
     """The equations of orbits along a parameter; unknowns mean the same at all values."""
 
     what: str  #: Name of the function whose arguments these are, for messages.
     build: Callable[..., Scene]  #: Returns the scene at a value of each parameter.
+    interval: Interval  #: Where the last parameter lies.
     method: str = "auto"  #: "auto" is replaced at the first value.
     periods: int = 1
     harmonics: int | None = None
@@ -104,6 +128,7 @@ class Family:
 
     def over(self, periods: int) -> Family:
         """Return the family of orbits over another number of periods, which shares modes but has its own counters."""
-        other = Family(self.what, self.build, self.method, periods, self.harmonics, parameters=self.parameters)
-        other._latest = self._latest
-        return other
+        harmonics = None if self.harmonics is None else max(1, self.harmonics * periods // self.periods)
+        # Harmonic balance takes as many harmonics for each period of the loads, so its unknowns are others.
+        latest = self._latest if self.method == "shooting" or periods == self.periods else None
+        return replace(self, periods=periods, harmonics=harmonics, work=Work(), _known={}, _latest=latest)

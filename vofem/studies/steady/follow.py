@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,9 +17,18 @@ from vofem.progress import Progress, TerminalBar
 from vofem.studies.steady.between import Step, interpolated
 from vofem.studies.steady.branch import BranchCounters
 from vofem.studies.steady.crossings import SHORTER, crossings, hidden
-from vofem.studies.steady.family import Family
+from vofem.studies.steady.family import Family, Interval
 from vofem.studies.steady.near import signature_at
-from vofem.studies.steady.point import ORIGIN, Interval, Point, corrected, derivative_by_value, tangent_at
+from vofem.studies.steady.point import (
+    ORIGIN,
+    Point,
+    corrected,
+    derivative_by_value,
+    level,
+    point_at,
+    scales_of,
+    tangent_at,
+)
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.signature import Signature
 from vofem.studies.steady.special import SpecialPoint, special_at
@@ -35,12 +44,13 @@ _REFUSED, _AIM = np.cos(np.radians(25.0)), np.radians(9.0)
 #: the share of the largest step below which it is not looked at.
 _APART, _LEAST_SHARE = 0.1, 1e-3
 
-#: Cosine of the angle below which a step is rejected at a corner of a branch, and the largest step at a corner.
+#: Cosine of the angle below which a step is rejected at a corner of a branch, and the largest step at a corner. A step
+#: that ends at a grazing may turn as far as it must where it is shorter.
 _CORNER, _SHORT = np.cos(np.radians(80.0)), 1e-4
 
 #: While an orbit is corrected the parameter is held where a fold is farther ahead than so many steps, and where the
 #: share of the parameter in the direction of the branch is at least so much.
-_FOLD, _LEVEL = 4.0, 1e-3
+_FOLD, _LEVEL = 2.0, 1e-3
 
 #: Distance in scaled coordinates within which a step may end at a grazing.
 _NEAR = 0.03
@@ -55,6 +65,7 @@ _LOOP = 12
 _AGAIN = 1e-2
 
 
+@dataclass
 class Follower:
     """Follows a branch, and holds what has been followed of it.
 
@@ -65,29 +76,30 @@ class Follower:
     `steps`: the steps from each point to the next; None if both are one orbit in other coordinates.
     """
 
-    def __init__(
-        self,
-        family: Family,
-        interval: Interval,
-        *,
-        largest: float = LARGEST,
-        most: int = 5000,
-        seconds: float | None = None,
-        noun: str = "branch",
-    ) -> None:
-        self.family, self.interval = family, interval
-        self.largest, self.most, self.seconds, self.noun = largest, most, seconds, noun
-        self.points: list[Point] = []
-        self.steps: list[Step | None] = []
-        self.special: list[SpecialPoint] = []
-        self.notes: list[str] = []
-        self.interrupted = False
-        self.counters = BranchCounters(search_flows=family.work.flows)
-        self._flows_counted = family.work.flows
-        self._over = False
-        self._leaving_another = False
-        self._begun = 0
-        self._why = ""
+    family: Family
+    _: KW_ONLY
+    largest: float = LARGEST
+    most: int = 5000
+    seconds: float | None = None
+    noun: str = "branch"
+    points: list[Point] = field(default_factory=list, init=False)
+    steps: list[Step | None] = field(default_factory=list, init=False)
+    special: list[SpecialPoint] = field(default_factory=list, init=False)
+    notes: list[str] = field(default_factory=list, init=False)
+    interrupted: bool = field(default=False, init=False)
+    _over: bool = field(default=False, init=False)
+    _leaving_another: bool = field(default=False, init=False)
+    _begun: int = field(default=0, init=False)
+    _why: str = field(default="", init=False)
+
+    def __post_init__(self) -> None:
+        self._flows_counted = self.family.work.flows
+        self.counters = BranchCounters(search_flows=self._flows_counted)
+
+    def found(self) -> dict[str, Any]:
+        """Return what a branch and a locus hold of the walk."""
+        names = ("special", "counters", "notes", "interrupted")
+        return {name: getattr(self, name) for name in names}
 
     # -- counting -------------------------------------------------------------------------------------
 
@@ -104,29 +116,24 @@ class Follower:
 
         The places of the latter are negative.
         """
-        found = [] if self._leaving_another else crossings(self.family, step, self.interval)
+        found = [] if self._leaving_another else crossings(self.family, step)
         if earlier is None or any(one.kind == SHORTER for one in found):
             return found
         base = len(self.points) - 1
         known = [{one.kind for one in self.special if base - 1.0 <= one.place < base}, {one.kind for one in found}]
-        before, after = hidden(self.family, self.interval, (earlier, step), (known[0], known[1]))
+        before, after = hidden(self.family, (earlier, step), (known[0], known[1]))
         return [*found, *(replace(one, place=one.place - 1.0) for one in before), *after]
-
-    def point(self, chart: Any, y: Array, towards: Array, evaluation: Any = None) -> Point:
-        """Return a point with its tangent on the side of a direction in scaled coordinates."""
-        return point_at(self.family, self.interval, chart, y, towards, evaluation)
 
     def begin(self, unknowns: Array, value: float) -> Point:
         """Return the first point, heading for the far end of the interval."""
         problem = self.family.at(value)
-        chart, y = signature_at(problem, unknowns) if isinstance(problem, Shooting) else (ORIGIN, unknowns)
+        chart, y = charted(problem, unknowns)
         y = np.append(y, value)
-        towards = np.zeros(y.size)
-        towards[-1] = 1.0 if self.interval.stop > self.interval.start else -1.0
+        towards = level(y.size, self.family.interval.way)
         evaluation = chart.evaluate(problem, y[:-1])
-        scales = np.append(chart.scales(problem, evaluation), self.interval.size)
+        scales = scales_of(self.family, chart, problem, evaluation)
         y, evaluation, _ = corrected(self.family, chart, y, scales, towards, np.zeros(y.size - 1))
-        return self.point(chart, y, towards, evaluation)
+        return point_at(self.family, chart, y, towards, evaluation)
 
     # -- the walk -------------------------------------------------------------------------------------
 
@@ -138,7 +145,7 @@ class Follower:
         self.points.append(first)
         self._count("flows")
         self._leaving_another = leaving
-        with branch_progress(self.interval, progress, self.family.what) as report:
+        with branch_progress(self.family.interval, progress, self.family.what) as report:
             self._walk(first, min(step, self.largest), report)
         self.special.sort(key=lambda mark: mark.place)
         self.counters.points, self.counters.check_flows = len(self.points), self.family.work.checks
@@ -195,18 +202,18 @@ class Follower:
                 return self._ending(now, step)
             passed = None
             if chart.segmented:
-                passed = passage(self.family, self.interval, now, after)
+                passed = passage(self.family, now, after)
         except (ConvergenceError, np.linalg.LinAlgError) as error:
             self._why = f" ({error})"
             return self._ending(now, step)
         if passed is not None and passed.grazed:
-            left = float(np.linalg.norm((passed.before.y - now.y) / now.scales))
-            if left > _NEAR and step > 0.5 * left:
+            left, turns = self._before(now, passed)
+            if (left > _NEAR or turns) and step > 0.5 * left:
                 # Steps become shorter towards a grazing, as they begin short beyond it: special points lie close to it.
                 return now, 0.5 * left
         if passed is not None:
             return self._passed(now, passed, step)
-        end = self.interval.beyond(after.value)
+        end = self.family.interval.beyond(after.value)
         if end is not None:
             return self._last(now, after, end)
         angle = float(np.arccos(np.clip(now.tangent @ after.tangent, -1.0, 1.0)))
@@ -221,17 +228,26 @@ class Follower:
         if not now.chart.segmented:
             return None
         try:
-            passed = ending(self.family, self.interval, now)
+            passed = ending(self.family, now)
         except (ConvergenceError, np.linalg.LinAlgError):
             return None
-        if passed is None or self.interval.beyond(passed.at.value) is not None:
+        if passed is None or self.family.interval.beyond(passed.at.value) is not None:
+            return None
+        if step > _SHORT and self._before(now, passed)[1]:
+            self._why = " (the branch turns too far in one step)"
             return None
         return self._passed(now, passed, step)
+
+    @staticmethod
+    def _before(now: Point, passed: Passage) -> tuple[float, bool]:
+        """Return how far ahead a change of the signature lies, and whether the branch turns too far up to there."""
+        left = float(np.linalg.norm((passed.before.y - now.y) / now.scales))
+        return left, left > _SHORT and bool(now.tangent @ passed.before.tangent < _REFUSED)
 
     def _passed(self, now: Point, passed: Passage, step: float) -> tuple[Point, float] | None:
         """Continue beyond a change of the signature."""
         last = passed.before
-        end = self.interval.beyond(last.value)
+        end = self.family.interval.beyond(last.value)
         if end is not None:
             return self._last(now, last, end)
         if last is not now:
@@ -255,7 +271,7 @@ class Follower:
             self._over = True
             return last, step
         self._take(None, passed.after)
-        return passed.after, min(step, FIRST)
+        return passed.after, min(FIRST, self.largest)
 
     def _recentred(self, now: Point) -> Point:
         """Return a point with its anchor away from all switches."""
@@ -267,9 +283,8 @@ class Follower:
         chart, y, towards = found
         y = np.append(y, now.value)
         evaluation = chart.evaluate(now.problem, y[:-1])
-        scales = np.append(chart.scales(now.problem, evaluation), self.interval.size)
-        towards = towards / scales
-        return self.point(chart, y, towards / np.linalg.norm(towards), evaluation)
+        scales = scales_of(self.family, chart, now.problem, evaluation)
+        return point_at(self.family, chart, y, towards / scales, evaluation)
 
     def _earlier(self, now: Point) -> tuple[Array, Array, float] | None:
         """Return the point before the last one, its tangent, both in scaled coordinates, and its distance."""
@@ -297,15 +312,15 @@ class Follower:
         if earlier is not None:
             bend = (slope - earlier[1][-1]) / earlier[2]
         held = isinstance(now.chart, Signature) and abs(slope) > max(_FOLD * step * abs(bend), _LEVEL)
-        normal = np.append(np.zeros(guess.size - 1), np.sign(slope)) if held else now.tangent
+        normal = level(guess.size, np.sign(slope)) if held else now.tangent
         common = self.family, now.chart, guess, now.scales, normal, now.by_value
         try:
-            return corrected(*common, interval=self.interval)
+            return corrected(*common, renewed=True)
         except ConvergenceError:
             nodes = self._ahead(now, step)
             if nodes is None or not nodes.size:
                 raise
-            return corrected(*common, nodes=nodes, interval=self.interval)
+            return corrected(*common, nodes=nodes, renewed=True)
 
     def _ahead(self, now: Point, step: float) -> Array | None:
         """Return approximate states at the switches of the next orbit, from the last two orbits."""
@@ -324,7 +339,7 @@ class Follower:
         refused = _REFUSED if isinstance(now.problem, Shooting) or step > _SHORT else _CORNER
         problem = self.family.of(y)
         chart = now.chart
-        scales = np.append(chart.scales(problem, evaluation), self.interval.size)
+        scales = scales_of(self.family, chart, problem, evaluation)
         # First the cheap test, with the derivative from the correction.
         towards = now.tangent * now.scales / scales
         towards /= np.linalg.norm(towards)
@@ -332,7 +347,7 @@ class Follower:
         if secant @ now.tangent < refused * np.linalg.norm(secant):
             self._why = " (the branch turns too far in one step)"
             return None
-        by_value = derivative_by_value(self.family, self.interval, chart, y, evaluation)
+        by_value = derivative_by_value(self.family, chart, y, evaluation)
         tangent = tangent_at(evaluation, by_value, scales, towards)
         if tangent @ towards < refused:
             self._why = " (the branch turns too far in one step)"
@@ -389,12 +404,12 @@ class Follower:
         if len(points) < _LOOP:
             return False
         own = now.chart.scales(now.problem, now.evaluation)[: now.problem.size]
-        scales = np.append(own, self.interval.size)
+        scales = np.append(own, self.family.interval.size)
 
         def place(point: Point) -> Array:
             return np.asarray(np.append(point.unknowns(), point.value) / scales)
 
-        if abs(points[0].value - after.value) > abs(after.value - now.value) + 0.1 * self.interval.size:
+        if abs(points[0].value - after.value) > abs(after.value - now.value) + 0.1 * self.family.interval.size:
             return False
         start, here, there = place(points[0]), place(now), place(after)
         step = there - here
@@ -415,25 +430,36 @@ class Follower:
         share = (end - now.value) / (after.value - now.value)
         guess = now.y + share * (after.y - now.y)
         guess[-1] = end
-        normal = np.zeros(guess.size)
-        normal[-1] = 1.0
         try:
-            y, evaluation, _ = corrected(self.family, now.chart, guess, now.scales, normal, now.by_value)
-            last = self.point(now.chart, y, now.tangent, evaluation)
-            if now.chart.segmented and passage(self.family, self.interval, now, last) is not None:
+            y, evaluation, _ = corrected(self.family, now.chart, guess, now.scales, None, now.by_value)
+            last = point_at(self.family, now.chart, y, now.tangent, evaluation)
+            if now.chart.segmented and passage(self.family, now, last) is not None:
                 return None
         except ConvergenceError:
             return None
         self._take(Step(now, last))
         self._over = True
         values = [point.value for point in self.points]
-        if end == self.interval.start and len(values) > 1:
+        if end == self.family.interval.start and len(values) > 1:
             farthest = max(values, key=lambda value: abs(value - end))
             self.notes.append(
                 f"the {self.noun} turned near {farthest:.12g} and left the interval through its own start, at "
                 f"{end:.12g}"
             )
         return last, 0.0
+
+
+class Quiet(Follower):
+    """Follows a branch on which no special points are searched."""
+
+    def located(self, step: Step, earlier: Step | None) -> list[SpecialPoint]:
+        """Return nothing."""
+        return []
+
+
+def charted(problem: Any, unknowns: Array) -> tuple[Any, Array]:
+    """Return the chart in which an orbit is followed, and its coordinates there."""
+    return signature_at(problem, unknowns) if isinstance(problem, Shooting) else (ORIGIN, unknowns)
 
 
 @contextlib.contextmanager
@@ -452,15 +478,3 @@ def branch_progress(interval: Interval, progress: Progress, what: str) -> Iterat
             return interrupted()
 
         yield report
-
-
-def point_at(family: Family, interval: Interval, chart: Any, y: Array, towards: Array, evaluation: Any = None) -> Point:
-    """Return a point with its tangent on the side of a direction in scaled coordinates."""
-    problem = family.of(y)
-    evaluation = chart.evaluate(problem, y[:-1]) if evaluation is None else evaluation
-    scales = np.append(chart.scales(problem, evaluation), interval.size)
-    by_value = derivative_by_value(family, interval, chart, y, evaluation)
-    tangent = tangent_at(evaluation, by_value, scales, towards)
-    if tangent @ towards < 0.0:
-        tangent = -tangent
-    return Point(chart, y, problem, evaluation, scales, by_value, tangent)

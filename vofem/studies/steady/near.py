@@ -7,17 +7,20 @@ over an orbit, and the next run decides the signature anew.
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.flow import Flow, Start
-from vofem.studies.steady.newton import ROUNDING, Solved, direction
+from vofem.studies.steady.newton import Solved, direction, lowered, solved
+from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.shooting import Shooting, relative
 from vofem.studies.steady.signature import Signature, SignatureEvaluation, signature_of
 
 #: Steps of the state, halvings of one of them, and steps in the lengths of segments.
-_STEPS, _HALVINGS, _POLISHED = 40, 8, 10
+_STEPS, _HALVINGS, _POLISHED = 40, 7, 10
 
 #: Change over an orbit, over the size of the motion, up to which Newton's method in lengths is tried.
 _TRIED = 0.5
@@ -35,10 +38,6 @@ def signature_at(problem: Shooting, unknowns: Array) -> tuple[Signature, Array]:
     longest = int(np.argmax(lengths))
     if min(lengths[0], lengths[-1]) >= _ANCHORED * lengths[longest]:
         return chart, y
-    if np.array_equal(whole.status, chart.start):
-        moved = chart.recentred(problem, y, np.zeros(y.size + 1))
-        if moved is not None:
-            return moved[:2]
     # A guess that is far from an orbit does not go on after its end as at its begin.
     segments = whole.solution.segments
     anchor = float(segments.starts[longest] + 0.5 * lengths[longest] / problem.loads.omega)
@@ -48,18 +47,25 @@ def signature_at(problem: Shooting, unknowns: Array) -> tuple[Signature, Array]:
     )
 
 
-def orbit_near(problem: Shooting, guess: Array, steps: int = _STEPS) -> Solved:
+def orbit_near(problem: Shooting, guess: Array, steps: int = _STEPS, *, orbit: Any = None) -> Solved:
     """Return the orbit near the unknowns of a guess.
 
+    `orbit`: the guess where it is an orbit. If its segments are known, no run has to find them.
     Raises `ConvergenceError` if none is found. The message gives the least change over an orbit.
     """
+    known = _segments(problem, orbit)
+    if known is not None:
+        now, change = _evaluated(problem, *known)
+        found = _polished(now) if change <= _TRIED else None
+        if found is not None and found.repeats(found.chart.flow(problem, found.y)):
+            return Solved(found.chart.unknowns(problem, found.y, found), found)
     now, change = _evaluated(problem, *signature_at(problem, guess))
     for _ in range(steps):
         if not np.isfinite(change):
             break
         found = _polished(now) if change <= _TRIED else None
         if found is not None:
-            found, ran = found.stripped(), found.chart.flow(problem, found.y)
+            ran = found.chart.flow(problem, found.y)
             if found.repeats(ran):
                 return Solved(found.chart.unknowns(problem, found.y, found), found)
             # Another signature is nearer to an orbit if it changes less.
@@ -73,6 +79,18 @@ def orbit_near(problem: Shooting, guess: Array, steps: int = _STEPS) -> Solved:
     raise ConvergenceError(f"Newton's method left a residual of {change:.2e} of the motion")
 
 
+def _segments(problem: Shooting, orbit: Any) -> tuple[Signature, Array] | None:
+    """Return signature and coordinates of an orbit of a scene with the same modes and contacts; None of other ones."""
+    known = orbit._motion() if isinstance(orbit, PeriodicOrbit) and orbit.method == "shooting" else None
+    if not isinstance(known, SignatureEvaluation):
+        return None
+    own, n = known.problem, known.problem.size
+    same = own.space.shapes is problem.space.shapes and own.periods == problem.periods
+    if not same or len(known.chart.start) != problem.space.contacts.shape[0]:
+        return None
+    return known.chart, np.concatenate([problem.unmodal(own.modal(known.y[:n])), known.y[n:]])
+
+
 def _evaluated(problem: Shooting, chart: Signature, y: Array) -> tuple[SignatureEvaluation, float]:
     """Return the equations along the segments of a run, and its change over an orbit over the size of the motion."""
     now = chart.evaluate(problem, y)
@@ -81,34 +99,30 @@ def _evaluated(problem: Shooting, chart: Signature, y: Array) -> tuple[Signature
 
 def _polished(now: SignatureEvaluation) -> SignatureEvaluation | None:
     """Return the solution near an evaluation with the same signature, or None."""
-    problem, chart, before = now.problem, now.chart, None
-    for _ in range(_POLISHED):
-        if before is not None and not now.error <= before.error:
-            break
-        if now.error <= problem.tolerance:
-            return now
-        before = now
-        try:
-            now = chart.evaluate(problem, now.y - direction(now.jacobian, now.residual))
-        except ConvergenceError:
-            break
-    best = now if before is None or now.error < before.error else before
-    return best if best.error <= ROUNDING else None
+    try:
+        found = solved(lambda y: now.chart.evaluate(now.problem, y), now.y, _POLISHED, known=now, halvings=0)
+    except ConvergenceError:
+        return None
+    polished: SignatureEvaluation = found.evaluation.stripped()
+    return polished
+
+
+class _Ran(NamedTuple):
+    """A run over an orbit, and its change over the size of the motion."""
+
+    flow: Flow
+    error: float
 
 
 def _moved(now: SignatureEvaluation, change: float) -> Flow | None:
     """Return a flow that changes less over an orbit, after a Newton step of the state or part of it."""
     problem, n, time = now.problem, now.problem.size, now.chart.anchor / now.problem.loads.omega
-    step = direction(now.jacobian, now.residual)[:n]
-    factor = 1.0
-    for _ in range(_HALVINGS):
-        z, v = problem.to_modes(now.y[:n] - factor * step)
-        try:
-            flow = problem.run(Start(time, z, v), time + problem.duration)
-            after = problem.to_unknowns(flow.displacement - z, flow.velocity - v)
-            if relative(after, now.sizes) <= (1.0 - 0.1 * factor) * change:
-                return flow
-        except ConvergenceError:
-            pass
-        factor *= 0.5
-    return None
+
+    def ran(state: Array) -> _Ran:
+        z, v = problem.to_modes(state)
+        flow = problem.run(Start(time, z, v), time + problem.duration)
+        after = problem.to_unknowns(flow.displacement - z, flow.velocity - v)
+        return _Ran(flow, relative(after, now.sizes))
+
+    found, _ = lowered(ran, now.y[:n], direction(now.jacobian, -now.residual)[:n], change, _HALVINGS)
+    return None if found is None else found[1].flow

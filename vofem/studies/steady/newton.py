@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
-from vofem.studies.steady.problem import Equations, Evaluation
 
-#: Steps of Newton's method, and halvings of one step.
-_STEPS, _HALVINGS = 40, 8
+#: Steps of Newton's method, halvings of one step, and the share by which the residual falls at least in a whole one.
+_STEPS, _HALVINGS, _FALLS = 40, 7, 0.1
+
+#: `Evaluation.error` at which equations count as solved.
+TOLERANCE = 1e-13
 
 #: A residual that no longer shrinks counts as rounding below this.
 ROUNDING = 1e-9
@@ -23,45 +26,63 @@ class Solved:
     """A solution of the equations of an orbit."""
 
     unknowns: Array  #: Shape (n,).
-    evaluation: Evaluation  #: The evaluation at these unknowns, with its Jacobian matrix.
+    evaluation: Any  #: The evaluation at these unknowns, with its Jacobian matrix.
 
 
-def solved(problem: Equations, guess: Array, steps: int = _STEPS) -> Solved:
-    """Return the orbit near a guess by Newton's method, steps halved while the residual grows.
+def solved(
+    evaluate: Callable[[Array], Any],
+    guess: Array,
+    steps: int = _STEPS,
+    *,
+    tolerance: float = TOLERANCE,
+    known: Any = None,
+    step: Callable[[Array, Any], Array] | None = None,
+    halvings: int = _HALVINGS,
+    growth: float = 1.0,
+) -> Solved:
+    """Return the orbit near a guess by Newton's method; the best one where rounding keeps it from its tolerance.
 
+    `evaluate`: returns the equations at some unknowns, an `Evaluation` with its Jacobian matrix, or raises
+    `ConvergenceError`.
+    `tolerance`: `Evaluation.error` that is small enough.
+    `known`: the evaluation at the guess.
+    `step`: returns the next step from unknowns and their evaluation; by default that of Newton's method.
+    `halvings`: how often a step may be halved so that the residual falls.
+    `growth`: factor by which the first step may raise the residual.
     Raises `ConvergenceError` if the residual does not vanish. The message gives the least residual.
     """
     x = np.array(guess, dtype=float)
-    now = problem.evaluate(x)
-    best = now.error
-    for _ in range(steps):
-        if now.error <= problem.tolerance:
-            return Solved(x, now)
-        step = direction(now.jacobian, now.residual)
-        moved = _shorter(problem, x, step, now)
-        if moved is None:
-            if now.error <= ROUNDING:
-                return Solved(x, now)
+    now, why = evaluate(x) if known is None else known, ""
+    for k in range(steps):
+        if now.error <= tolerance or not np.isfinite(now.error):
             break
-        x, now = moved
-        best = min(best, now.error)
+        move = direction(now.jacobian, -now.residual) if step is None else step(x, now)
+        after, why = lowered(evaluate, x, move, now.error * (1.0 if k else growth), halvings)
+        if after is None:
+            break
+        x, now = after
     if now.error <= ROUNDING:
         return Solved(x, now)
-    raise ConvergenceError(f"Newton's method left a residual of {best:.2e} of the motion")
+    raise ConvergenceError(f"Newton's method left a residual of {now.error:.2e} of the motion{why and f': {why}'}")
 
 
-def _shorter(problem: Equations, x: Array, step: Array, now: Evaluation) -> tuple[Array, Evaluation] | None:
-    """Return the longest of a step and its halves that lowers the residual; None where rounding or a kink stops it."""
-    factor = 1.0
-    for _ in range(_HALVINGS):
+def lowered(
+    evaluate: Callable[[Array], Any], x: Array, move: Array, error: float, halvings: int
+) -> tuple[tuple[Array, Any] | None, str]:
+    """Return unknowns after a step or a part of it that lowers the error, and what is evaluated there.
+
+    None where no part does; the text says what happened then.
+    """
+    factor, why = 1.0, ""
+    for _ in range(1 + halvings):
         try:
-            after = problem.evaluate(x - factor * step)
-        except ConvergenceError:
-            after = None
-        if after is not None and after.error <= (1.0 - 0.1 * factor) * now.error:
-            return x - factor * step, after
+            after = evaluate(x + factor * move)
+            if after.error <= (1.0 - _FALLS * factor) * error:
+                return (x + factor * move, after), ""
+        except ConvergenceError as failed:
+            why = str(failed)
         factor *= 0.5
-    return None
+    return None, why
 
 
 def raised(

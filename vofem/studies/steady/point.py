@@ -8,15 +8,14 @@ from typing import Any
 import numpy as np
 
 from vofem.arrays import Array
-from vofem.errors import ConvergenceError
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.newton import ROUNDING, direction
+from vofem.studies.steady.newton import direction, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
 
 #: `Evaluation.error` at which a point counts as solved; Newton's last step makes it smaller still.
 TOLERANCE = 1e-12
 
-#: Steps of Newton's method at a point, and by how much the residual may grow in the first of them.
+#: Evaluations at a point, and by how much the residual may grow in the first of them.
 _STEPS, _GROWTH = 8, 10.0
 
 #: Step of the parameter by which derivatives are taken, in terms of the interval and of the value.
@@ -106,37 +105,63 @@ class Point:
         return np.asarray(self.chart.unknowns(self.problem, self.y[:-1], self.evaluation))
 
 
-@dataclass(frozen=True)
-class Interval:
-    """The interval of the parameter."""
-
-    start: float
-    stop: float
-
-    @property
-    def size(self) -> float:
-        """Length of the interval."""
-        return abs(self.stop - self.start)
-
-    def beyond(self, value: float) -> float | None:
-        """Return the end that a value lies beyond, or None."""
-        low, high = min(self.start, self.stop), max(self.start, self.stop)
-        return low if value < low else high if value > high else None
-
-
-def derivative_by_value(family: Family, interval: Interval, chart: Any, y: Array, evaluation: Any) -> Array:
+def derivative_by_value(family: Family, chart: Any, y: Array, evaluation: Any) -> Array:
     """Return the derivative of the residual with respect to the parameter, by a difference, shape (n,).
 
     It gives directions of branches. Where a branch turns does not depend on its digits. The scene is built for a value
     inside the interval, unless the value itself lies outside.
     """
     value = float(y[-1])
-    step = max(_DIFFERENCE * interval.size, _LEAST * abs(value))
+    step = max(_DIFFERENCE * family.interval.size, _LEAST * abs(value))
     beside = y.copy()
-    beside[-1] += -step if value > 0.5 * (interval.start + interval.stop) else step
+    beside[-1] += -step if value > 0.5 * (family.interval.start + family.interval.stop) else step
     nodes = chart.nodes(evaluation) if len(getattr(chart, "switches", ())) > _MANY else None
     moved = chart.evaluate(family.of(beside), y[:-1], derivative=False, nodes=nodes)
     return np.asarray((moved.residual - evaluation.residual) / (beside[-1] - value))
+
+
+class _OnPlane:
+    """The equations of a branch on a plane through a guess.
+
+    The derivative with respect to the parameter is improved by every step. `corrected` tells of the attributes.
+    """
+
+    def __init__(
+        self, family: Family, chart: Any, guess: Array, scales: Array, normal: Array, by_value: Array,
+        nodes: Array | None, renewed: bool,
+    ) -> None:  # fmt: skip
+        self.family, self.chart, self.guess, self.scales, self.normal = family, chart, guess, scales, normal
+        self.by_value, self.nodes, self.renewed = by_value, nodes, renewed
+        self._before: Any = None
+        self._moved, self._steps = np.zeros_like(guess), 0
+
+    def evaluate(self, y: Array) -> Any:
+        """Return the equations."""
+        return self.chart.evaluate(self.family.of(y), y[:-1], nodes=self.nodes)
+
+    def improve(self, now: Any) -> None:
+        """Take the derivative by the parameter that explains the last step, where the parameter moved enough in it."""
+        before, moved = self._before, self._moved
+        if before is None or now is before or moved[-1] == 0.0:
+            return
+        if abs(moved[-1] / self.scales[-1]) >= _TELLING * np.linalg.norm(moved / self.scales):
+            along = 0.5 * (before.jacobian + now.jacobian) @ moved[:-1]
+            self.by_value = (now.residual - before.residual - along) / moved[-1]
+
+    def step(self, y: Array, now: Any) -> Array:
+        """Return the step of Newton's method."""
+        self.improve(now)
+        if self.renewed and self._steps > 1 and self._moved[-1] != 0.0 and now.error > _SLOW * self._before.error:
+            self.by_value = derivative_by_value(self.family, self.chart, y, now)
+        matrix = np.empty((y.size, y.size))
+        matrix[:-1, :-1] = now.jacobian * self.scales[:-1]
+        matrix[:-1, -1] = self.by_value * self.scales[-1]
+        matrix[-1] = self.normal
+        right = np.append(now.residual, self.normal @ ((y - self.guess) / self.scales))
+        self._before, self._moved, self._steps = now, -direction(matrix, right) * self.scales, self._steps + 1
+        if self.nodes is not None:
+            self.nodes = self.chart.nodes(now, self._moved[:-1])
+        return self._moved
 
 
 def corrected(
@@ -144,73 +169,51 @@ def corrected(
     chart: Any,
     guess: Array,
     scales: Array,
-    normal: Array,
+    normal: Array | None,
     by_value: Array,
     steps: int = _STEPS,
     tolerance: float = TOLERANCE,
     nodes: Array | None = None,
-    improve: bool = True,
-    interval: Interval | None = None,
+    renewed: bool = False,
 ) -> tuple[Array, Any, Array]:
-    """Return an orbit near a guess, on the plane through it with a normal.
+    """Return an orbit near a guess, on the plane through it with a normal: `y` (n + 1,), evaluation, `by_value` (n,).
 
-    `guess` has shape (n + 1,).
-    `scales` has shape (n + 1,).
-    `normal` (shape (n + 1,)): normal of the plane in scaled coordinates.
+    `guess`, `scales` have shape (n + 1,).
+    `normal` (shape (n + 1,)): normal of the plane in scaled coordinates; by default that of a value of the parameter.
     `by_value` (shape (n,)): approximate derivative of the residual with respect to the parameter. It is improved in the
     iteration.
-    `steps`: largest number of steps of Newton's method.
+    `steps`: largest number of evaluations.
     `tolerance`: value of `Evaluation.error` that is small enough. If it is below rounding, the best point is returned.
     `nodes`: approximate states at the switches.
-    `improve`: whether the derivative with respect to the parameter is improved in the iteration.
-    `interval`: if it is given, the derivative with respect to the parameter is computed anew where the iteration is
-    slow.
-    Returns `y` (shape (n + 1,)).
-    Returns `by_value` (shape (n,)).
+    `renewed`: whether the derivative with respect to the parameter is computed anew where the iteration is slow.
     Raises `ConvergenceError`.
     """
-    y, by_value = guess.copy(), by_value.copy()
-    before: Any = None
-    moved = np.zeros_like(y)
-    for k in range(steps):
-        now = chart.evaluate(family.of(y), y[:-1], nodes=nodes)
-        if not np.isfinite(now.error):
-            raise ConvergenceError("the motion diverges")
-        if before is not None:
-            by_value = _improved(by_value, before, now, moved, scales) if improve else by_value
-            if now.error > (_GROWTH if k == 1 or not improve else 1.0) * before.error:
-                if now.error <= ROUNDING or before.error <= ROUNDING:
-                    return _lean(*((y, now) if now.error <= before.error else (y - moved, before)), by_value)
-                raise ConvergenceError("Newton's method does not converge")
-        if now.error <= tolerance:
-            return _lean(y, now, by_value)
-        if interval is not None and k > 1 and moved[-1] != 0.0 and now.error > _SLOW * before.error:
-            by_value = derivative_by_value(family, interval, chart, y, now)
-        matrix = np.empty((y.size, y.size))
-        matrix[:-1, :-1] = now.jacobian * scales[:-1]
-        matrix[:-1, -1] = by_value * scales[-1]
-        matrix[-1] = normal
-        right = np.append(now.residual, normal @ ((y - guess) / scales))
-        moved = -direction(matrix, right) * scales
-        y, before = y + moved, now
-        nodes = None if nodes is None else chart.nodes(now, moved[:-1])
-    if before is not None and before.error <= ROUNDING:
-        return _lean(y - moved, before, by_value)
-    raise ConvergenceError("Newton's method does not converge")
+    normal = level(guess.size) if normal is None else normal
+    plane = _OnPlane(family, chart, guess, scales, normal, by_value, nodes, renewed)
+    found = solved(plane.evaluate, guess, steps - 1, tolerance=tolerance, step=plane.step, halvings=0, growth=_GROWTH)
+    plane.improve(found.evaluation)
+    now = found.evaluation
+    # What only the correction needs is left behind.
+    return found.unknowns, now.stripped() if hasattr(now, "stripped") else now, plane.by_value
 
 
-def _lean(y: Array, evaluation: Any, by_value: Array) -> tuple[Array, Any, Array]:
-    """Return a solution without what only its correction needs."""
-    return y, evaluation.stripped() if hasattr(evaluation, "stripped") else evaluation, by_value
+def point_at(family: Family, chart: Any, y: Array, towards: Array, evaluation: Any = None) -> Point:
+    """Return a point with its tangent on the side of a direction in scaled coordinates."""
+    problem = family.of(y)
+    evaluation = chart.evaluate(problem, y[:-1]) if evaluation is None else evaluation
+    scales = scales_of(family, chart, problem, evaluation)
+    by_value = derivative_by_value(family, chart, y, evaluation)
+    return Point(chart, y, problem, evaluation, scales, by_value, tangent_at(evaluation, by_value, scales, towards))
 
 
-def _improved(by_value: Array, before: Any, now: Any, moved: Array, scales: Array) -> Array:
-    """Return the derivative by the parameter that explains the last step, where the parameter moved enough in it."""
-    size = np.linalg.norm(moved / scales)
-    if abs(moved[-1] / scales[-1]) < _TELLING * size or moved[-1] == 0.0:
-        return by_value
-    along = 0.5 * (before.jacobian + now.jacobian) @ moved[:-1]
-    return np.asarray((now.residual - before.residual - along) / moved[-1])
+def scales_of(family: Family, chart: Any, problem: Any, evaluation: Any) -> Array:
+    """Return sizes of the coordinates of a chart, and of the parameter, shape (n + 1,)."""
+    return np.append(chart.scales(problem, evaluation), family.interval.size)
+
+
+def level(size: int, along: float = 1.0) -> Array:
+    """Return the direction in which the parameter alone changes, shape (size,)."""
+    return np.append(np.zeros(size - 1), along)
 
 
 def tangent_at(evaluation: Any, by_value: Array, scales: Array, towards: Array) -> Array:

@@ -57,20 +57,6 @@ class Evaluation(Protocol):
         """Floquet multipliers by decreasing modulus; None if the method does not compute them."""
 
 
-class Equations(Protocol):
-    """As many equations as unknowns, for Newton's method."""
-
-    @property
-    def tolerance(self) -> float:
-        """`Evaluation.error` at or below which the equations count as solved."""
-
-    def evaluate(self, unknowns: Array, *, derivative: bool = True) -> Any:
-        """Return the equations, an `Evaluation`, with their Jacobian matrix where `derivative` is true.
-
-        Raises `ConvergenceError` if the equations cannot be evaluated at these unknowns.
-        """
-
-
 class OrbitProblem(ABC):
     """Periodic orbits of one scene as roots of equations: those of harmonics, or those of a `Signature`.
 
@@ -81,7 +67,6 @@ class OrbitProblem(ABC):
     `work`: counters to which the work is added.
     """
 
-    tolerance = 1e-13
     size: int  #: Number n of unknowns.
     #: Positive sizes by which unknowns are divided before they are compared with each other; they need to be right up
     #: to a common factor. A problem without unknowns of different kinds gives ones. Shape (n,).

@@ -23,11 +23,10 @@ from vofem.time_functions import OfTime, TimeFunction
 def recompiled(scene: Scene, earlier: Scene) -> Scene:
     """Return a scene with the model of an earlier one where they differ in loads' functions of time alone.
 
-    `scene`: a scene that is not yet compiled.
     `earlier`: compiled.
-    Returns the given scene itself if anything else differs.
+    Returns the given scene itself if anything else differs, or if it is compiled.
     """
-    if len(scene.bodies) != len(earlier.bodies) or len(scene.effects) != len(earlier.effects):
+    if scene.assembled or len(scene.bodies) != len(earlier.bodies) or len(scene.effects) != len(earlier.effects):
         return scene
     if not all(_same_body(new, old) for new, old in zip(scene.bodies, earlier.bodies, strict=True)):
         return scene

@@ -13,7 +13,7 @@ from vofem.studies.steady.branch import Branch, Orbits
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.follow import FIRST, Follower
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.point import Point, corrected, derivative_by_value
+from vofem.studies.steady.point import Point, corrected, derivative_by_value, scales_of
 from vofem.studies.steady.special import SpecialPoint
 
 #: Relative difference below which two solutions are the same orbit, and first steps that are tried on a leaving branch.
@@ -26,14 +26,11 @@ _DIFFERENCE = 1e-4
 def branch_of(walker: Follower) -> Branch:
     """Return a branch that has been followed."""
     return Branch(
-        np.array([point.value for point in walker.points]),
-        Orbits([point.orbit for point in walker.points]),
-        walker.special,
-        walker.counters,
-        notes=walker.notes,
+        values=np.array([point.value for point in walker.points]),
+        orbits=Orbits([point.orbit for point in walker.points]),
         periods=walker.family.periods,
-        interrupted=walker.interrupted,
-        source=Sheets(walker),
+        _source=Sheets(walker),
+        **walker.found(),
     )
 
 
@@ -82,14 +79,12 @@ class Sheets:
             share = np.sqrt(share)
         guess = first.y + share * (last.y - first.y)
         guess[-1] = value
-        normal = np.zeros(guess.size)
-        normal[-1] = 1.0
         by_value = np.zeros(guess.size - 1)
         try:
-            y, evaluation, _ = corrected(self.family, first.chart, guess, first.scales, normal, by_value, steps=20)
+            y, evaluation, _ = corrected(self.family, first.chart, guess, first.scales, None, by_value, steps=20)
         except ConvergenceError:
             return None
-        point = Point(first.chart, y, self.family.at(value), evaluation, first.scales, by_value, normal)
+        point = Point(first.chart, y, self.family.at(value), evaluation, first.scales, by_value, first.tangent)
         return point.unknowns(), point.orbit()
 
     def switch(self, special: SpecialPoint) -> Branch:
@@ -110,7 +105,7 @@ class Sheets:
         direction = self._direction(family, start, special, doubles)
         last: ConvergenceError | None = None
         for factor in _TRIED:
-            walker = Follower(family, self.walker.interval, largest=self.walker.largest, most=self.walker.most)
+            walker = Follower(family, largest=self.walker.largest, most=self.walker.most)
             try:
                 walker.follow(replace(start, tangent=direction), FIRST * factor, leaving=True)
             except ConvergenceError as error:
@@ -127,12 +122,15 @@ class Sheets:
         """Return the special orbit as a point of the leaving branch."""
         if not doubles:
             return point
-        chart, y = point.chart.doubled(point.y[:-1])
         problem = family.at(point.value)
+        if point.chart.segmented:
+            chart, y = point.chart.doubled(point.y[:-1])
+        else:
+            chart, y = point.chart, problem.from_orbit(point.orbit())
         evaluation = chart.evaluate(problem, y)
-        scales = np.append(chart.scales(problem, evaluation), self.walker.interval.size)
+        scales = scales_of(family, chart, problem, evaluation)
         y = np.append(y, point.value)
-        by_value = derivative_by_value(family, self.walker.interval, chart, y, evaluation)
+        by_value = derivative_by_value(family, chart, y, evaluation)
         return Point(chart, y, problem, evaluation, scales, by_value, np.zeros_like(y))
 
     def _direction(self, family: Family, start: Point, special: SpecialPoint, doubles: bool) -> Array:

@@ -8,15 +8,13 @@ import numpy as np
 
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
-from vofem.studies.steady.extended import Extended, SpecialEquations
+from vofem.studies.steady.extended import Extended
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.newton import solved
-from vofem.studies.steady.point import Interval, Point
+from vofem.studies.steady.point import Point, scales_of
 from vofem.studies.steady.shooting import Shooting
 
-#: Steps of Newton's method to a flip, and how far it may lie from where the doubled orbits end, as a share of the
-#: interval.
-_NEWTON, _NEARBY = 12, 1e-2
+#: How far a flip may lie from where the doubled orbits end, as a share of the interval.
+_NEARBY = 1e-2
 
 
 def repeats(first: Point, last: Point) -> Callable[[Point], float] | None:
@@ -38,7 +36,7 @@ def repeats(first: Point, last: Point) -> Callable[[Point], float] | None:
     return None
 
 
-def at_flip(family: Family, point: Point, interval: Interval) -> Point:
+def at_flip(family: Family, point: Point) -> Point:
     """Return the orbit at which a branch of doubled orbits ends: the flip of the orbits over half as many periods.
 
     There the equations of the doubled orbits have two solutions that cross, which spoils digits; those of the others
@@ -51,18 +49,17 @@ def at_flip(family: Family, point: Point, interval: Interval) -> Point:
     half = family.over(problem.periods // 2)
     half.work = family.work
     single, guess = halved
-    equations = SpecialEquations(Extended(single, half, "period_doubling", interval.size))
     try:
-        found = solved(equations, np.append(guess, point.value), _NEWTON).unknowns
+        found = Extended(single, half, "period_doubling", family.interval.size).solved(np.append(guess, point.value))
     except ConvergenceError:
         return point
     guess, there = found[:-1], float(found[-1])
-    if abs(there - point.value) > _NEARBY * interval.size:
+    if abs(there - point.value) > _NEARBY * family.interval.size:
         return point
     doubled, y = single.doubled(guess)
     problem = family.at(there)
     evaluation = doubled.evaluate(problem, y)
-    scales = np.append(doubled.scales(problem, evaluation), interval.size)
+    scales = scales_of(family, doubled, problem, evaluation)
     y = np.append(y, there)
     return Point(doubled, y, problem, evaluation, scales, np.zeros(y.size - 1), np.zeros_like(y))
 

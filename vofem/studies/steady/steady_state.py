@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,8 @@ from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.flow import Start
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.condensed import GOOD
-from vofem.studies.steady.family import METHODS, chosen, problem_of
+from vofem.studies.steady.family import METHODS, Family, Interval, chosen, problem_of
+from vofem.studies.steady.follow import Quiet
 from vofem.studies.steady.near import orbit_near
 from vofem.studies.steady.newton import Solved, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
@@ -30,6 +33,12 @@ _TRY, _AGAIN = 1e-2, 0.1
 
 #: Steps of Newton's method in a trial, and the largest distance to its solution, in changes over an orbit.
 _STEPS, _FAR = 2, 200.0
+
+#: Least share of the loads from which orbits are followed, and the most orbits from there to the whole loads.
+_LEAST, _WAY = 0.01, 500
+
+#: Factor by which a motion is larger than that of an orbit from rest where it has no bound.
+_UNBOUNDED = 1e10
 
 #: Closings slower than this, of the largest speed of the contact, are reported as grazings.
 _SLOW = 1e-3
@@ -50,7 +59,7 @@ def periodic(
     Without a guess, shooting simulates a motion from rest until its states at the beginnings of periods settle, at most
     for 200 periods of the loads. Newton's method then finds the exact orbit. The orbit is an attractor, but not
     necessarily the only one. If the motion does not settle, Newton's method starts from the response with all contacts
-    open, and a note says so.
+    open. Where that fails too, an orbit under smaller loads is followed up to the whole loads. A note says so.
 
     Parameters
     ----------
@@ -109,8 +118,11 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
     else:
         try:
             start = problem.from_rest() if guess is None else problem.from_orbit(guess)
-            equations: Any = problem
-            found = orbit_near(problem, start) if isinstance(problem, Shooting) else solved(equations, start)
+            if isinstance(problem, Shooting):
+                found = orbit_near(problem, start, orbit=guess)
+            else:
+                equations: Any = problem
+                found = solved(equations.evaluate, start)
         except ConvergenceError as error:
             seen = seen_of(problem, guess) if isinstance(problem, Shooting) else ""
             raise ConvergenceError(
@@ -126,9 +138,23 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
             "vofem.continuation finds one by branch.switch at a period doubling"
         )
     if isinstance(problem, Shooting):
+        _refuse_unbounded(what, problem, evaluation.sizes)
         problem, found, more = _with_enough_vectors(problem, found)
         notes += more
     return problem, found, notes
+
+
+def _refuse_unbounded(what: str, problem: Shooting, sizes: tuple[float, float]) -> None:
+    """Raise where a motion without damping is so large that what the loads do in an orbit is lost in its rounding."""
+    if problem.system.damped:
+        return
+    z, v = problem.to_modes(problem.outside(np.zeros(problem.size)))
+    driven = problem.run(Start(0.0, z, v), problem.duration, check=True).sizes
+    if any(size > _UNBOUNDED * one > 0.0 for size, one in zip(sizes, driven, strict=True)):
+        raise ConvergenceError(
+            f"{what}: no orbit was found. Its motion is unbounded: a load acts at a natural frequency of a structure "
+            "without damping. Add damping, such as ModalDamping, or choose another frequency"
+        )
 
 
 def as_guess(problem: Any, guess: Any) -> Any:
@@ -185,9 +211,9 @@ def seen_of(problem: Shooting, guess: Any) -> str:
 
 
 def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
-    """Return the orbit that a motion from rest settles on, or one near the linear response, with a note.
+    """Return the orbit that a motion from rest settles on, or one that belongs to the linear response, with a note.
 
-    Raises `ConvergenceError` if no orbit is found in either way.
+    Raises `ConvergenceError` if no orbit is found in any way.
     """
     x = problem.outside(np.zeros(problem.size))
     level, change = _TRY, np.inf
@@ -205,21 +231,59 @@ def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
             level = _AGAIN * change
         x = after
     seen = f"after {MOST_PERIODS} periods from rest the motion still changes by {change:.2g} of itself over an orbit"
-    try:
-        found = orbit_near(problem, problem.from_rest())
-    except ConvergenceError as error:
-        regular = (
-            "another start, at which the motion is regular, such as one where no contact is touched"
-            if what == "continuation"
-            else "follow a branch from where the motion is regular with vofem.continuation"
-        )
-        raise ConvergenceError(
-            f"{what}: no orbit was found. {seen}: a subharmonic or chaotic motion, or little damping; and from the "
-            f"linear response {error}. Try more periods (periods=2, 3, ...), a guess= such as a run with more damping, "
-            f"or {regular}"
-        ) from error
-    note = f"{seen}, so this orbit was found from the linear response; motions need not settle on it"
-    return found, (note,)
+    failed = []
+    for source, found_from in (("the linear response", _linear), ("smaller loads", _raised)):
+        try:
+            found = found_from(problem)
+        except ConvergenceError as error:
+            failed.append(f"from {source} {error}")
+            continue
+        return found, (f"{seen}, so this orbit was found from {source}; motions need not settle on it",)
+    regular = (
+        "another start, at which the motion is regular, such as one where no contact is touched"
+        if what == "continuation"
+        else "follow a branch from where the motion is regular with vofem.continuation"
+    )
+    raise ConvergenceError(
+        f"{what}: no orbit was found. {seen}: a subharmonic or chaotic motion, or little damping; "
+        f"{', and '.join(failed)}. Try more periods (periods=2, 3, ...), a guess= such as a run with more damping, or "
+        f"{regular}"
+    )
+
+
+def _linear(problem: Shooting) -> Solved:
+    """Return an orbit near the response with all contacts open."""
+    return orbit_near(problem, problem.from_rest())
+
+
+def _raised(problem: Shooting) -> Solved:
+    """Return the orbit in which the orbits under a share of the loads end that begin as the linear response."""
+
+    def build(share: float) -> Scene:
+        model = problem.scene.model
+        loads = tuple(replace(one, function=one.function * share) for one in model.system.loads)
+        system = replace(model.system, loads=loads)
+        system.share(model.system)
+        return problem.scene.compiled_as(replace(model, system=system))
+
+    family = Family("periodic", build, Interval(0.0, 1.0), "shooting", problem.periods, work=problem.work)
+    share = 1.0
+    family.begin_with(problem, 1.0)
+    first: Any = None
+    while share > _LEAST and (first is None or first.evaluation.chart.switches):
+        # Where contacts switch there may be several orbits; the linear response is alone.
+        share *= 0.5
+        with contextlib.suppress(ConvergenceError):
+            first = _linear(family.at(share))
+    if first is None:
+        raise ConvergenceError(f"down to {share:.2g} of the loads no orbit is found")
+    walk = Quiet(family, most=_WAY)
+    walk.follow(walk.begin(first.unknowns, share))
+    if walk.interrupted:
+        raise KeyboardInterrupt
+    if walk.points[-1].value != 1.0:
+        raise ConvergenceError(f"the orbits end at {walk.points[-1].value:.3g} of the loads")
+    return orbit_near(problem, walk.points[-1].unknowns())
 
 
 def _tried(problem: Shooting, x: Array, change: float, sizes: tuple[float, float]) -> Solved | None:

@@ -20,7 +20,7 @@ from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.flow import Flow
 from vofem.studies.steady.between import Step, point_between
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.point import Interval, Point, corrected, derivative_by_value, tangent_at
+from vofem.studies.steady.point import Point, corrected, derivative_by_value, point_at, scales_of
 from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Signature, Switch
 from vofem.system import CLOSED, OPEN, PINNED
 
@@ -99,7 +99,7 @@ class _Change(NamedTuple):
     begins: Mark | None = None
 
 
-def passage(family: Family, interval: Interval, now: Point, after: Point) -> Passage | None:
+def passage(family: Family, now: Point, after: Point) -> Passage | None:
     """Return the first change of the signature between two neighbours; None if there is none and the orbit repeats.
 
     Raises `ConvergenceError` if the change cannot be located, or the second orbit does not repeat under an ordinary
@@ -120,27 +120,25 @@ def passage(family: Family, interval: Interval, now: Point, after: Point) -> Pas
                 f"the orbit does not repeat under an ordinary run, by {after.evaluation.closing:.1e} of the motion"
             )
     if changes:
-        found = _first(family, interval, now, after, changes)
-    hidden = _hidden(family, interval, now, after if found is None else found.before)
-    return found if hidden is None else _first(family, interval, now, *hidden)
+        found = _first(family, now, after, changes)
+    hidden = _hidden(family, now, after if found is None else found.before)
+    return found if hidden is None else _first(family, now, *hidden)
 
 
-def _hidden(
-    family: Family, interval: Interval, now: Point, after: Point, looks: int = _LOOKS
-) -> tuple[Point, list[_Change]] | None:
+def _hidden(family: Family, now: Point, after: Point, looks: int = _LOOKS) -> tuple[Point, list[_Change]] | None:
     """Return an orbit between two neighbours and its changes, which are undone before the second neighbour."""
     share = _lowest(family, now, after) if looks and isinstance(now.chart, Signature) else None
     if share is None:
         return None
     try:
-        middle = point_between(family, Step(now, after), interval, share)
+        middle = point_between(family, Step(now, after), share)
         changes = _vanishing(now, middle) or _touching(now, middle)
     except ConvergenceError:
         return None
     if changes:
         return middle, changes
-    before = _hidden(family, interval, now, middle, looks - 1)
-    return _hidden(family, interval, middle, after, looks - 1) if before is None else before
+    before = _hidden(family, now, middle, looks - 1)
+    return _hidden(family, middle, after, looks - 1) if before is None else before
 
 
 def _lowest(family: Family, now: Point, after: Point) -> float | None:
@@ -185,12 +183,15 @@ def _lowest(family: Family, now: Point, after: Point) -> float | None:
     return float(x[worst]) if low[worst] < 0.0 else None
 
 
-def _first(family: Family, interval: Interval, now: Point, after: Point, changes: list[_Change]) -> Passage:
+def _first(family: Family, now: Point, after: Point, changes: list[_Change]) -> Passage:
     """Return the first of some changes of the signature between two neighbours, and of those that come before it."""
-    last = after
+    last, pairs = after, tuple[_Pair, ...]()
     for _ in range(_MOST):
         change = min(changes, key=lambda one: one.share)
-        found, pairs = _located(family, interval, now, last, change)
+        if pairs and change.pairs and change.share >= 1.0 - _SAME:
+            # Of two that end at one orbit, the first orbit beside it with one of them may lack the other.
+            change = change._replace(pairs=(*change.pairs, *pairs))
+        found, pairs = _located(family, now, last, change)
         last = found.before
         changes = _vanishing(now, last, pairs) or _touching(now, last)
         if not changes:
@@ -206,7 +207,7 @@ def _first(family: Family, interval: Interval, now: Point, after: Point, changes
     raise ConvergenceError("too many changes of contact in one step")
 
 
-def ending(family: Family, interval: Interval, now: Point) -> Passage | None:
+def ending(family: Family, now: Point) -> Passage | None:
     """Return the grazing ahead of an orbit with very short touches that become shorter; None if there is none.
 
     Where several touches end at once the equations become singular, and steps towards this orbit fail.
@@ -223,9 +224,9 @@ def ending(family: Family, interval: Interval, now: Point) -> Passage | None:
     first = min(ahead.values())
     after = replace(now, y=now.y + 1.1 * first * now.tangent * now.scales)
     pairs = tuple(pair for pair, distance in ahead.items() if distance <= (1.0 + _SAME) * first)
-    found = _first(family, interval, now, after, [_Change(1.0 / 1.1, pairs)])
+    found = _first(family, now, after, [_Change(1.0 / 1.1, pairs)])
     away = float(np.linalg.norm((found.before.y - now.y) / now.scales))
-    if found.after is None or away > 10.0 * _NEARLY or abs(found.at.value - now.value) > _NEARLY * interval.size:
+    if found.after is None or away > 10.0 * _NEARLY or abs(found.at.value - now.value) > _NEARLY * family.interval.size:
         raise ConvergenceError("a change of contact was found elsewhere")
     return found
 
@@ -309,32 +310,30 @@ def _touching(now: Point, after: Point, flow: Flow | None = None) -> list[_Chang
 # -- the orbit at a change, and its neighbours --------------------------------------------------------
 
 
-def _located(
-    family: Family, interval: Interval, now: Point, after: Point, change: _Change
-) -> tuple[Passage, tuple[_Pair, ...]]:
+def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple[Passage, tuple[_Pair, ...]]:
     """Return a change of the signature, and the switches of what ends there."""
     old: Signature = now.chart
     pairs, guess = change.pairs, now.y + change.share * (after.y - now.y)
     if change.begins is not None:
-        outer, every = _outside(family, interval, old, guess, change.begins, now.tangent)
+        outer, every = _outside(family, old, guess, change.begins, now.tangent)
         _between(now, after, outer.y)
         outer = _along(now, outer)
-        return Passage(outer, outer, _inside(family, interval, outer, every), _contacts(every)), ()
+        return Passage(outer, outer, _inside(family, outer, every), _contacts(every)), ()
     if not _ends(old, pairs[0]):
-        return _swapped(family, interval, now, after, guess, pairs[0][1]), pairs
+        return _swapped(family, now, after, guess, pairs[0][1]), pairs
     phases = old.phases(guess[:-1])
     gone = sorted({index for p, k in pairs for index in _gone(now.problem, old, p, k)})
     middles = [Mark(old.switches[k].contact, float(0.5 * (phases[p] + phases[k]))) for p, k in pairs]
     out, y, _ = old.edited(guess[:-1], gone)
     upwards = np.append(np.zeros(y.size), 1.0)
-    outer, every = _outside(family, interval, out, np.append(y, guess[-1]), middles[0], upwards)
+    outer, every = _outside(family, out, np.append(y, guess[-1]), middles[0], upwards)
     ended: list[Mark] = []
     for contact, middle in middles:
         mine = [mark for mark in every if mark.contact == contact]
         ended += sorted(mine, key=lambda mark: abs(mark.phase - middle))[:1]
     if len(set(ended)) < len(pairs):
         if len(pairs) > 1:
-            return _located(family, interval, now, after, change._replace(pairs=pairs[:1]))
+            return _located(family, now, after, change._replace(pairs=pairs[:1]))
         raise ConvergenceError("what ends at a grazing does not begin there on the way back")
     # The orbit outside as one of the old signature: what ends has no length.
     n = now.problem.size
@@ -350,7 +349,7 @@ def _located(
             groups[-1] = groups[-1][0], max(groups[-1][1], k)
         else:
             groups.append((p, k))
-    inner = _beyond(family, interval, old, zero, [((p + k + 1) // 2, (k - p + 1) // 2) for p, k in groups])
+    inner = _beyond(family, old, zero, [((p + k + 1) // 2, (k - p + 1) // 2) for p, k in groups])
     if inner is None:
         raise ConvergenceError("what ends at a grazing does not do so in one direction of the branch")
     before, values = replace(inner, tangent=-inner.tangent), _watched(now)
@@ -364,7 +363,7 @@ def _located(
     beyond: Point | None = outer
     if laws & {"impact", "smooth"}:
         # Those that touched no longer do, and those that did not begin to: so this branch crosses that without touches.
-        beyond = None if "impact" in laws else _inside(family, interval, outer, others)
+        beyond = None if "impact" in laws else _inside(family, outer, others)
     return Passage(_not_turned(before, outer), outer, beyond, _contacts(every)), pairs
 
 
@@ -372,11 +371,11 @@ def _contacts(marks: Sequence[Mark]) -> tuple[int, ...]:
     return tuple(sorted(mark.contact for mark in marks))
 
 
-def _swapped(family: Family, interval: Interval, now: Point, after: Point, guess: Array, k: int) -> Passage:
+def _swapped(family: Family, now: Point, after: Point, guess: Array, k: int) -> Passage:
     """Return the orbit in which two contacts switch at one time, and the same one with the switches in other order."""
     chart: Signature = now.chart
     place = now.problem.size + k
-    at = _with_length(family, interval, chart, guess, place, 0.0)
+    at = _with_length(family, chart, guess, place, 0.0)
     _between(now, after, at.y)
     one, other = (at.problem.space.contacts[chart.switches[j].contact] for j in (k - 1, k))
     coupled = abs(one @ other) > ROUNDING * float(np.linalg.norm(one) * np.linalg.norm(other))
@@ -388,7 +387,7 @@ def _swapped(family: Family, interval: Interval, now: Point, after: Point, guess
     new, y, _ = chart.edited(at.y[:-1], [k], [(k - 1, float(chart.phases(at.y[:-1])[k]), chart.switches[k])])
     towards = np.zeros(at.y.size)
     towards[place] = 1.0
-    return Passage(_along(now, at), at, _point(family, interval, new, np.append(y, at.value), towards), ())
+    return Passage(_along(now, at), at, point_at(family, new, np.append(y, at.value), towards), ())
 
 
 def _gone(problem: Any, chart: Signature, p: int, k: int) -> list[int]:
@@ -403,16 +402,14 @@ def _gone(problem: Any, chart: Signature, p: int, k: int) -> list[int]:
     return [p]
 
 
-def _outside(
-    family: Family, interval: Interval, chart: Signature, guess: Array, mark: Mark, towards: Array
-) -> tuple[Point, list[Mark]]:
+def _outside(family: Family, chart: Signature, guess: Array, mark: Mark, towards: Array) -> tuple[Point, list[Mark]]:
     """Return the orbit near a guess in which something is about to begin, and all that is, this one first."""
     long, y, ((k, _),) = _begun(family.of(guess), chart, guess[:-1], [mark], touches=True)
-    at = _with_length(family, interval, long, np.append(y, guess[-1]), family.of(guess).size + k, 0.0)
+    at = _with_length(family, long, np.append(y, guess[-1]), family.of(guess).size + k, 0.0)
     slides = _law(at.problem, mark.contact) == "stick"
     mark = mark._replace(phase=float(long.phases(at.y[:-1])[k]))
     y = np.append(long.edited(at.y[:-1], [k - 1] if slides else [k - 1, k])[1], at.value)
-    point = _point(family, interval, chart, y, towards)
+    point = point_at(family, chart, y, towards)
     own = [_mark(chart, y, k) for k in range(len(chart.switches))]
     found = [
         Mark(e.contact, e.phase)
@@ -424,10 +421,10 @@ def _outside(
     return point, [mark, *found, *(turn for turn in turns if not _among(chart, [mark], *turn))]
 
 
-def _inside(family: Family, interval: Interval, outer: Point, marks: Sequence[Mark]) -> Point | None:
+def _inside(family: Family, outer: Point, marks: Sequence[Mark]) -> Point | None:
     """Return the first orbit in which all has begun that is about to; None if there is none beside."""
     chart, y, places = _begun(outer.problem, outer.chart, outer.y[:-1], marks)
-    inner = _beyond(family, interval, chart, np.append(y, outer.value), places)
+    inner = _beyond(family, chart, np.append(y, outer.value), places)
     return inner if inner is None else _not_turned(inner, outer)
 
 
@@ -474,9 +471,7 @@ def touch(chart: Signature, y: Array, contacts: Sequence[int], phase: float) -> 
     return [(number, phase, one) for one in (*there, *(Switch(j, int(now[j])) for j in contacts))]
 
 
-def _beyond(
-    family: Family, interval: Interval, chart: Signature, y: Array, places: Sequence[tuple[int, int]]
-) -> Point | None:
+def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[int, int]]) -> Point | None:
     """Return the orbit just beyond one at which something begins without length or speed, as `_begun` tells.
 
     None if none beside has all of it.
@@ -493,11 +488,11 @@ def _beyond(
             guess[n + k - count] -= 0.5 * length
             if k + count < len(chart.switches):
                 guess[n + k + count] -= 0.5 * length
-        return _with_length(family, interval, chart, guess, lengths[0], length)
+        return _with_length(family, chart, guess, lengths[0], length)
     # Elsewhere lengths, speeds and the parameter change together, and the branch has a direction.
     towards = np.zeros(y.size)
     towards[lengths or [-1]] = 1.0
-    at = _point(family, interval, chart, y, towards)
+    at = point_at(family, chart, y, towards)
 
     def speeds(problem: Any, evaluation: Any, _: Array) -> Array:
         every = chart.approaches(problem, evaluation)
@@ -514,7 +509,7 @@ def _beyond(
             found, _, _ = corrected(family, chart, guess, at.scales, at.tangent, at.by_value, tolerance=_EXACT)
         except ConvergenceError:
             continue
-        inner = _point(family, interval, chart, found, at.tangent)
+        inner = point_at(family, chart, found, at.tangent)
         near = np.linalg.norm((found - guess) / at.scales) <= _ASIDE * step
         flow = chart.flow(inner.problem, found[:-1])
         if near and (inner.evaluation.repeats(flow) or _touching(at, inner, flow)):
@@ -633,30 +628,16 @@ def _along(now: Point, point: Point) -> Point:
     return point if point.tangent @ now.tangent >= 0.0 else replace(point, tangent=-point.tangent)
 
 
-def _point(family: Family, interval: Interval, chart: Signature, y: Array, towards: Array) -> Point:
-    """Return a point of a branch, its tangent on the side of a direction in scaled coordinates."""
-    problem = family.of(y)
-    evaluation = chart.evaluate(problem, y[:-1])
-    scales = np.append(chart.scales(problem, evaluation), interval.size)
-    by_value = derivative_by_value(family, interval, chart, y, evaluation)
-    tangent = tangent_at(evaluation, by_value, scales, towards)
-    return Point(chart, y, problem, evaluation, scales, by_value, tangent)
-
-
-def _with_length(
-    family: Family, interval: Interval, chart: Signature, guess: Array, place: int, length: float
-) -> Point:
+def _with_length(family: Family, chart: Signature, guess: Array, place: int, length: float) -> Point:
     """Return the orbit near a guess at which one length has a value."""
     guess = guess.copy()
     guess[place] = length
     problem = family.of(guess)
     evaluation = chart.evaluate(problem, guess[:-1])
-    scales = np.append(chart.scales(problem, evaluation), interval.size)
-    by_value = derivative_by_value(family, interval, chart, guess, evaluation)
+    scales = scales_of(family, chart, problem, evaluation)
+    by_value = derivative_by_value(family, chart, guess, evaluation)
     normal = np.zeros(guess.size)
     normal[place] = 1.0
-    y, evaluation, by_value = corrected(family, chart, guess, scales, normal, by_value, 12, _EXACT)
+    y, evaluation, _ = corrected(family, chart, guess, scales, normal, by_value, 12, _EXACT)
     y[place] = length
-    by_value = derivative_by_value(family, interval, chart, y, evaluation)
-    tangent = tangent_at(evaluation, by_value, scales, normal)
-    return Point(chart, y, family.of(y), evaluation, scales, by_value, tangent)
+    return point_at(family, chart, y, normal, evaluation)

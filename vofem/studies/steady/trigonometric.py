@@ -50,11 +50,6 @@ def to_real(coefficients: Complex) -> Array:
     return np.concatenate([coefficients.real, -coefficients[1:].imag])
 
 
-def grid(harmonics: int) -> Array:
-    """Return equal angles, both ends of the period included."""
-    return np.linspace(0.0, 2.0 * np.pi, _LOOKS * (harmonics + 1) + 1)
-
-
 def roots(series: Array, low: Array, high: Array, level: float = 0.0) -> Array:
     """Return the angles at which a series reaches a level, between angles on different sides of it, shape (k,)."""
     harmonics, slope = series.size // 2, rate(series)
@@ -85,7 +80,7 @@ def turning_points(series: Array) -> Array:
     """
     slope = rate(series)
     harmonics = series.size // 2
-    places = grid(harmonics)
+    places = np.linspace(0.0, 2.0 * np.pi, _LOOKS * (harmonics + 1) + 1)
     values = basis(places, harmonics) @ slope
     values[-1] = values[0]
     size = float(np.abs(slope).sum())
@@ -95,3 +90,21 @@ def turning_points(series: Array) -> Array:
     changes = np.flatnonzero((values[:-1] > 0.0) != (values[1:] > 0.0))
     found = roots(slope, places[changes], places[changes + 1])
     return np.unique(np.mod(found, 2.0 * np.pi))
+
+
+def stretches(series: Array) -> tuple[Array, Array]:
+    """Return the angles at which monotone stretches of a motion begin and end, the last one a turn after the first."""
+    turns = turning_points(series)
+    if not turns.size:
+        turns = np.zeros(1)
+    return turns, np.append(turns[1:], turns[0] + 2.0 * np.pi)
+
+
+def crossings(series: Array, level: float, begin: Array | None = None, end: Array | None = None) -> Array:
+    """Return the angles at which monotone stretches of a motion, by default all, cross a level, in their order."""
+    if begin is None or end is None:
+        begin, end = stretches(series)
+    harmonics = series.size // 2
+    before, after = basis(begin, harmonics) @ series > level, basis(end, harmonics) @ series > level
+    crossed = before != after
+    return roots(series, begin[crossed], end[crossed], level)
