@@ -62,7 +62,7 @@ def drawn(run, orbit):
         yield "sweep_curves", plot.sweep_curves(swept, units={"x": "m", "k": "N/m", "d": "m"})
     branch = vf.continuation(impact_oscillator, 0.6, 0.605, guess=steady)
     yield "response_curve", plot.response_curve(branch, branch.orbits[0].scene.bodies[0], parameter="omega [rad/s]")
-    curve = vf.Locus([[0.6, 1.0], [0.7, 2.0]], "fold", [], branch.counters)
+    curve = vf.Locus(values=np.array([[0.6, 1.0], [0.7, 2.0]]), kind="fold", special=[], counters=branch.counters)
     yield "locus", plot.locus(curve, parameter="omega [rad/s]", other="amplitude [N]")
     diagram = vf.bifurcation_diagram(impact_oscillator, [0.6, 0.61], periods=2, skip=2, **serial)
     yield "bifurcation", plot.bifurcation(diagram, label="omega [rad/s]")

@@ -185,6 +185,35 @@ def test_bad_arguments():
         vf.periodic(scene).harmonics(scene.bodies[0], -1)
 
 
+def test_a_guess_is_named_in_messages():
+    with pytest.raises(vf.ArgumentError, match="periodic: guess is 3"):
+        vf.periodic(bilinear(1.5), guess=3)
+    with pytest.raises(vf.ArgumentError, match="continuation: guess names"):
+        vf.continuation(bilinear, 1.5, 1.6, guess={vf.Mass(1.0, name="other"): (0.0, 0.0)})
+    with pytest.raises(vf.ArgumentError, match=r"give period=, here 4\.18879"):
+        vf.periodic(bilinear(1.5), period=5.0)
+
+
+def test_a_resonance_without_damping_has_no_orbit():
+    """Closed form beside it: the amplitude ``1/|1 - omega^2|``."""
+    mass = vf.Mass(1.0, stiffness=1.0, name="mass")
+    near = vf.periodic(vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, 1.0 + 1e-6))]))
+    assert near.amplitude(mass) == pytest.approx(1.0 / (2e-6 + 1e-12), rel=1e-8)
+    for guess in (None, near):
+        with pytest.raises(vf.ConvergenceError, match="natural frequency of a structure without damping"):
+            vf.periodic(vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, 1.0))]), guess=guess)
+
+
+@pytest.mark.parametrize("omega", [1.4, 1.52, 1.7])
+def test_an_orbit_as_a_guess_gives_the_orbit_of_its_state(omega):
+    """Newton's method begins with the segments of the orbit, or with a run where they are others."""
+    known = vf.periodic(bilinear(1.5))
+    near, from_state = (vf.periodic(bilinear(omega), guess=guess) for guess in (known, known.as_start()))
+    assert near.residual < 1e-12
+    assert np.abs(state_at_cosine(near) - state_at_cosine(from_state)).max() < 1e-9
+    assert sorted_pairs(near.multipliers) == pytest.approx(sorted_pairs(from_state.multipliers), rel=1e-8, abs=1e-10)
+
+
 def test_subharmonics_are_minimal():
     """Near a stable orbit over one period nothing else is found over two; beyond the flip there is one."""
     scene = bilinear(1.5)

@@ -38,7 +38,7 @@ class StoredState:
     def state_of(self, body_name: str) -> tuple[Array, Array]:
         """Return a body's degrees of freedom and their rates, each (size,)."""
         if body_name not in self.states:
-            cure = "; as the start of a scene give the outcome for the bodies that it holds: initial={body: outcome}"
+            cure = "; as the start of a scene give the outcome for the bodies that it holds: {body: outcome}"
             raise unknown("body", body_name, self.states, cure)
         return self.states[body_name]
 
@@ -55,7 +55,7 @@ def state_alone(source: Any) -> Any:
 class Initial:
     """The initial state of the bodies of a scene, checked.
 
-    `what`: whose argument it is, for messages.
+    `what`: function and argument, for messages.
     `bodies`: the bodies of the scene.
     `by_name`: whether a body among the keys stands for the scene's body of the same name.
     `given`: the initial state as the user gave it. Of an earlier outcome, only the state is kept.
@@ -66,8 +66,7 @@ class Initial:
         self._bodies = tuple(bodies)
         if given is not None and not hasattr(given, "state_of") and not isinstance(given, Mapping):
             raise ArgumentError(
-                f"{what}: initial is {given!r}, expected a dict {{body: (displacement, velocity)}}, "
-                "an Equilibrium or a Result"
+                f"{what} is {given!r}, expected a dict {{body: (displacement, velocity)}}, an Equilibrium or a Result"
             )
         self.given: Any = state_alone(given)
         if isinstance(given, Mapping):
@@ -75,7 +74,7 @@ class Initial:
             for body, value in self.given.items():
                 if not hasattr(value, "state_of") and not (isinstance(value, (tuple, list)) and len(value) == 2):
                     raise ArgumentError(
-                        f"{what}: initial of {body.label} is {value!r}, expected a pair (displacement, velocity), "
+                        f"{what} of {body.label} is {value!r}, expected a pair (displacement, velocity), "
                         "an Equilibrium or a Result"
                     )
 
@@ -85,7 +84,7 @@ class Initial:
             if own is body or (by_name and not isinstance(body, str) and own.name == getattr(body, "name", None)):
                 return own
         cure = "; use the Beam or Mass object itself, not its name" if isinstance(body, str) else ""
-        raise ArgumentError(f"{self._what}: initial names {body!r}, which is not among the bodies{cure}")
+        raise ArgumentError(f"{self._what} names {body!r}, which is not among the bodies{cure}")
 
     def state(self, model: Model, effects: Iterable[Effect]) -> State:
         """Return the state over the free degrees of freedom of a model of the scene."""
@@ -139,7 +138,7 @@ class Initial:
         q, v = source.state_of(body.name)
         if np.shape(q) != (body.size,):
             raise ArgumentError(
-                f"{self._what}: initial has {np.shape(q)[0]} degrees of freedom for {body.label}, expected "
+                f"{self._what} has {np.shape(q)[0]} degrees of freedom for {body.label}, expected "
                 f"{body.size}; start from a scene with the same mesh"
             )
         return q, v

@@ -90,7 +90,7 @@ class Scene(Shown):
         self._check_names("contacts", [contact.name for contact in self.contacts])
         self._check_bases()
         self._check_pressing()
-        self._initial = Initial("Scene", self.bodies, initial)
+        self._initial = Initial("Scene: initial", self.bodies, initial)
         present = set(self.bodies)
         for effect in self.effects:
             for point in effect.points():

@@ -61,7 +61,7 @@ def checked_plan(
     wanted = None if times is None else _output_times(times, t_end)
     system = as_scene("simulate", scene).model.system
     t_start = number("simulate: t_start", t_start, minimum=0)
-    other = None if initial is None else Initial("simulate", scene.bodies, initial, by_name=True)
+    other = None if initial is None else Initial("simulate: initial", scene.bodies, initial, by_name=True)
     if tol is not None:
         tol = number("simulate: tol", tol, positive=True)
     # Steps of one size were asked for by name only, so dt is answered below.

@@ -126,14 +126,15 @@ def read(file: h5py.File) -> Branch | Locus:
         SpecialPoint(kind, value, makers[count + k](), contact, place, other)
         for k, (kind, value, contact, place, other) in enumerate(record["special"])
     ]
-    values, counters = record["values"], BranchCounters(**record["counters"])
-    shared = {"notes": record["notes"], "interrupted": record["interrupted"]}
+    values: Any = record["values"]
+    shared: dict[str, Any] = {name: record[name] for name in ("notes", "interrupted")}
+    shared |= {"values": values, "special": special, "counters": BranchCounters(**record["counters"])}
     if GROUP not in file:
-        return Locus(values, record["kind"], special, counters, contact=record["contact"], **shared)
+        return Locus(kind=record["kind"], contact=record["contact"], **shared)
     orbits = Orbits(makers[:count])
     free = bool(np.any(kept["autonomous"]))
     source = None if free else _Loaded(kept, values, special, orbits, folder)
-    return Branch(values, orbits, special, counters, periods=record["periods"], source=source, **shared)
+    return Branch(orbits=orbits, periods=record["periods"], _source=source, **shared)
 
 
 def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicOrbit]:

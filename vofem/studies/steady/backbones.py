@@ -24,14 +24,14 @@ from vofem.integrators.event_driven.flow import Start, flow, modal_state, modes_
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.laws import CLOSED, OPEN
 from vofem.scene import Scene, as_scene
-from vofem.studies.steady.branch import Branch, BranchCounters, Orbits
+from vofem.studies.steady.branch import Branch, BranchCounters
 from vofem.studies.steady.condensed import GOOD, Condensed, reduced
 from vofem.studies.steady.family import Interval
 from vofem.studies.steady.follow import Quiet
 from vofem.studies.steady.near import signature_at
 from vofem.studies.steady.newton import raised, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.point import OriginChart, Point
+from vofem.studies.steady.point import OriginChart, Point, point_at
 from vofem.studies.steady.problem import Work
 from vofem.studies.steady.shooting import Shooting, flow_refusal
 from vofem.system import State, System
@@ -47,29 +47,6 @@ _EACH_MODE = 4
 
 #: First fraction of the contacts' stiffness if contacts touch at rest, and the largest step of its logarithm.
 _SOFT, _HARDER = 1e-3, np.log(2.0)
-
-
-@dataclass(frozen=True)
-class _Level:
-    """The measure of the size of an oscillation: its energy, or the displacement of one degree of freedom at rest."""
-
-    dof: int  #: Number of the degree of freedom; -1 for the energy.
-
-    def of(self, search: _Search, z: Array, *, linear: bool = False) -> tuple[float, Array]:
-        """Return the level of a modal displacement at rest and its derivative, (n,), without contacts if `linear`."""
-        system, space = search.system, search.space
-        if self.dof >= 0:
-            row = search.shapes[self.dof]
-            value = float(row @ z)
-            return abs(value), row * np.sign(value)
-        energy, slope = 0.5 * float(space.stiffness @ z**2), space.stiffness * z
-        laws = system.contacts
-        if laws is not None and not linear:
-            s = space.contacts @ z - laws.gap
-            status = np.where(s > 0.0, CLOSED, OPEN)
-            energy += float(laws.closed_potential(s, status))
-            slope = slope + laws.force(s, np.zeros_like(s), status) @ space.contacts
-        return energy, slope
 
 
 @one_thread
@@ -128,22 +105,22 @@ def backbone(
     few = reduced(system, _EACH_MODE * mode)
     search = _Search(system if few is None else few.system, work, few)
     number = _mode_number(search.space, mode, system)
-    now, kind = search.linear(number, float(levels.min()), amplitudes is not None)
+    now = search.linear(number, float(levels.min()), amplitudes is not None)
     found: dict[float, Array] = {}
     failed: ConvergenceError | None = None
     for level in np.unique(levels).tolist():
         try:
-            found[level] = now = search.path(now, kind, level, max_points)
+            found[level] = now = search.path(now, level, max_points)
         except ConvergenceError as error:
             failed = error
             break
-    search, found = search.settled(found, kind)
+    search, found = search.settled(found)
     levels = np.array([level for level in levels.tolist() if level in found])
     counters = BranchCounters(points=levels.size, flows=work.flows, eigensolves=work.runs.eigensolves)
     orbits = [search.orbit(scene, found[level]) for level in levels.tolist()]
     counters.flows = work.flows
-    values = [search.energy(found[level][:-1]) for level in levels.tolist()]
-    branch = Branch(np.array(values), Orbits([lambda o=o: o for o in orbits]), [], counters)  # type: ignore[misc]
+    values = [search.energy(found[level][:-1])[0] for level in levels.tolist()]
+    branch = Branch(values=np.array(values), orbits=orbits, special=[], counters=counters)
     if failed is not None:
         failed.branch = branch  # type: ignore[attr-defined]
         raise failed
@@ -185,10 +162,13 @@ def _mode_number(space: ModalSpace, mode: int, system: System) -> int:
 
 
 class _Search:
-    """Finds free oscillations of a system, or of a large one in a few vectors."""
+    """Finds free oscillations of a system, or of a large one in a few vectors.
 
-    def __init__(self, system: System, work: Work, few: Condensed | None = None) -> None:
-        self.system, self.work, self.few = system, work, few
+    `dof`: number of the degree of freedom whose displacement at rest is the level of an oscillation; -1 for its energy.
+    """
+
+    def __init__(self, system: System, work: Work, few: Condensed | None = None, dof: int = -1) -> None:
+        self.system, self.work, self.few, self.dof = system, work, few, dof
         self.space: ModalSpace = modes_of(system, work.runs)
         #: Displacements of all degrees of freedom in modes, shape (N, n).
         self.shapes: Array = self.space.shapes if few is None else few.vectors @ self.space.shapes
@@ -197,25 +177,40 @@ class _Search:
         self.change: float | None = None
         self._latest: tuple[Array, tuple[Array, Array]] | None = None
 
-    def energy(self, z: Array) -> float:
-        """Return the energy of a displacement at rest, J."""
-        return _Level(-1).of(self, z)[0]
+    def energy(self, z: Array, *, linear: bool = False) -> tuple[float, Array]:
+        """Return the energy in J of a displacement at rest and its derivative, (n,); without contacts if `linear`."""
+        space, laws = self.space, self.system.contacts
+        energy, slope = 0.5 * float(space.stiffness @ z**2), space.stiffness * z
+        if laws is not None and not linear:
+            s = space.contacts @ z - laws.gap
+            status = np.where(s > 0.0, CLOSED, OPEN)
+            energy += float(laws.closed_potential(s, status))
+            slope = slope + laws.force(s, np.zeros_like(s), status) @ space.contacts
+        return energy, slope
+
+    def level(self, z: Array, *, linear: bool = False) -> tuple[float, Array]:
+        """Return the level of a modal displacement at rest and its derivative, (n,); see `energy`."""
+        if self.dof < 0:
+            return self.energy(z, linear=linear)
+        row = self.shapes[self.dof]
+        value = float(row @ z)
+        return abs(value), row * np.sign(value)
 
     def state(self, z: Array) -> State:
         """Return the state at rest over all degrees of freedom."""
         q: Array = self.shapes @ z
         return State(q, np.zeros(q.size))
 
-    def settled(self, found: dict[float, Array], kind: _Level) -> tuple[_Search, dict[float, Array]]:
+    def settled(self, found: dict[float, Array]) -> tuple[_Search, dict[float, Array]]:
         """Return the oscillations in so many vectors that twice as many change them little."""
         search = self
         for few in () if self.few is None or not found else self.few.doubled():
-            finer, better, change = _Search(few.system, self.work, few), {}, 0.0
+            finer, better, change = _Search(few.system, self.work, few, self.dof), {}, 0.0
             for level, one in found.items():
                 state = search.state(one[:-1])
                 in_finer = modal_state(finer.system, finer.space, few.project(state))[0]
                 try:
-                    better[level] = finer.solved(np.append(in_finer, one[-1]), kind, level)
+                    better[level] = finer.solved(np.append(in_finer, one[-1]), level)
                 except ConvergenceError:
                     return search, found
                 apart = few.change(state, finer.state(better[level][:-1]))
@@ -227,7 +222,7 @@ class _Search:
             search.change = change
         return search, found
 
-    def linear(self, number: int, level: float, by_amplitude: bool) -> tuple[Array, _Level]:
+    def linear(self, number: int, level: float, by_amplitude: bool) -> Array:
         """Return a linear oscillation of a mode that touches no contact, or else one in which the contacts close."""
         space, laws = self.space, self.system.contacts
         shape = np.zeros(space.size)
@@ -239,26 +234,23 @@ class _Search:
             reached = np.where(along != 0.0, laws.gap / np.where(along == 0.0, 1.0, np.abs(along)), np.inf)
             first = int(np.argmin(reached))
             shape *= -1.0 if along[first] > 0.0 else 1.0
-        dof = -1
         if by_amplitude:
-            sizes = np.where(self.rotation, 0.0, np.abs(self.shapes[:, number]))
-            dof = int(np.argmax(sizes))
-        kind = _Level(dof)
-        unit, _ = kind.of(self, shape, linear=True)
+            self.dof = int(np.argmax(np.where(self.rotation, 0.0, np.abs(self.shapes[:, number]))))
+        unit, _ = self.level(shape, linear=True)
         size = level / unit if by_amplitude else float(np.sqrt(level / unit))
         start = np.append(size * shape, np.pi / frequency)
         if laws is None:
-            return start, kind
+            return start
         # The mode swings to both sides.
         farthest = np.min(np.where(space.contacts[:, number] != 0.0, laws.gap, np.inf))
         reach = float(np.min(reached))
         if size * (1.0 + 1e-9) < reach:
-            return start, kind
+            return start
         if farthest > 0.0:
-            return np.append(0.999 * reach * shape, start[-1]), kind
-        return self._hardened(start, kind, level), kind
+            return np.append(0.999 * reach * shape, start[-1])
+        return self._hardened(start, level)
 
-    def _hardened(self, start: Array, kind: _Level, level: float) -> Array:
+    def _hardened(self, start: Array, level: float) -> Array:
         """Return an oscillation with contacts that touch at rest. The contacts are soft at first and then stiffened."""
         laws, others = self.system.contacts, [group for group in self.system.laws if group is not self.system.contacts]
         assert laws is not None
@@ -266,7 +258,7 @@ class _Search:
         def solve(share: float, guess: Array, now: Array) -> Array:
             system = replace(self.system, laws=(laws.scaled(np.exp(share)), *others))
             share_modes(system, self.system)
-            return _Search(system, self.work, self.few).solved(guess, kind, level)
+            return _Search(system, self.work, self.few, self.dof).solved(guess, level)
 
         first = float(np.log(_SOFT))
         reached, found = raised(solve, [(first - _HARDER, start)], 0.0, _HARDER, least=_LEAST, largest=_HARDER)[-1]
@@ -277,18 +269,18 @@ class _Search:
             )
         return found
 
-    def path(self, now: Array, kind: _Level, level: float, most: int) -> Array:
+    def path(self, now: Array, level: float, most: int) -> Array:
         """Return the oscillation at a level, followed from another one.
 
         Steps in the level pass by the narrow tongues of internal resonances, into which the backbone itself leads.
         Where the level turns it is followed by arclength.
         """
-        here, goal = float(np.log(kind.of(self, now[:-1])[0])), float(np.log(level))
+        here, goal = float(np.log(self.level(now[:-1])[0])), float(np.log(level))
         if goal <= here + 1e-15:
-            return self.solved(now, kind, level)
+            return self.solved(now, level)
 
         def solve(place: float, guess: Array, before: Array) -> Array:
-            found = self.solved(guess, kind, float(np.exp(place)))
+            found = self.solved(guess, float(np.exp(place)))
             if abs(found[-1] / before[-1] - 1.0) > 0.1 or _far(found[:-1], before[:-1]):
                 raise ConvergenceError("the oscillation changes too much in one step")
             return found
@@ -299,20 +291,20 @@ class _Search:
         now = track[-1][1]
         towards = now - track[-2][1] if len(track) > 1 else now * np.append(np.ones(self.space.size), 0.0)
         scales = np.append(np.full(now.size - 1, np.linalg.norm(now[:-1])), now[-1])
-        family: Any = _Levels(self, kind, Interval(0.0, level))
+        family: Any = _Levels(self, Interval(0.0, level))
         walker = Quiet(family, most=most, noun="backbone")
-        here = kind.of(self, now[:-1])[0]
-        first = walker.point(_RestChart(), np.append(now, here), np.append(towards / scales, 0.0))
+        here = self.level(now[:-1])[0]
+        first = point_at(family, _RestChart(), np.append(now, here), np.append(towards / scales, 0.0))
         walker.follow(first, _SHORT)
         if walker.interrupted:
             raise KeyboardInterrupt
         if walker.points[-1].value != level:
-            raise _not_reached(walker.points, kind, level, walker.notes[-1])
-        return self.solved(walker.points[-1].y[:-1], kind, level)
+            raise _not_reached(walker.points, "energy" if self.dof < 0 else "amplitude", level, walker.notes[-1])
+        return self.solved(walker.points[-1].y[:-1], level)
 
-    def solved(self, guess: Array, kind: _Level, level: float) -> Array:
+    def solved(self, guess: Array, level: float) -> Array:
         """Return the oscillation at a level near a guess: displacement at rest and half the period, shape (n + 1,)."""
-        return solved(_AtLevel(self, kind, level).evaluate, guess, _STEPS, tolerance=_TOLERANCE).unknowns
+        return solved(_AtLevel(self, level).evaluate, guess, _STEPS, tolerance=_TOLERANCE).unknowns
 
     def speeds(self, y: Array) -> tuple[Array, Array]:
         """Return the modal velocities after half a period over the speed of the motion, and their derivative.
@@ -385,7 +377,6 @@ class _AtLevel:
     """The free oscillations at a level as roots of equations."""
 
     search: _Search
-    kind: _Level
     level: float
 
     @property
@@ -394,7 +385,7 @@ class _AtLevel:
 
     def evaluate(self, unknowns: Array, *, derivative: bool = True) -> _Evaluation:
         speeds, slopes = self.search.speeds(unknowns)
-        value, slope = self.kind.of(self.search, unknowns[:-1])
+        value, slope = self.search.level(unknowns[:-1])
         if not value > 0.0:
             raise ConvergenceError("the oscillation has vanished")
         jacobian = np.concatenate([slopes, np.append(slope * self.level / value**2, 0.0)[None, :]])
@@ -407,7 +398,6 @@ class _Levels:
     """The free oscillations over the level, as a family."""
 
     search: _Search
-    kind: _Level
     interval: Interval
     what: ClassVar[str] = "backbone"
 
@@ -416,7 +406,7 @@ class _Levels:
         return self.search.work
 
     def of(self, y: Array) -> _AtLevel:
-        return _AtLevel(self.search, self.kind, float(y[-1]))
+        return _AtLevel(self.search, float(y[-1]))
 
 
 class _RestChart(OriginChart):
@@ -433,7 +423,7 @@ def _far(a: Array, b: Array) -> bool:
     return cosine < 0.9
 
 
-def _not_reached(points: list[Point], kind: _Level, level: float, why: str) -> ConvergenceError:
+def _not_reached(points: list[Point], what: str, level: float, why: str) -> ConvergenceError:
     """Return the error of a backbone that does not come to a level."""
     changes = np.diff([point.value for point in points])
     turns = np.flatnonzero(changes[:-1] * changes[1:] < 0.0)
@@ -445,7 +435,6 @@ def _not_reached(points: list[Point], kind: _Level, level: float, why: str) -> C
             f"the backbone turns near {top.value:.9g}, at {np.pi / top.y[-2]:.9g} rad/s, and was followed on to "
             f"{end.value:.9g}, at {np.pi / end.y[-2]:.9g} rad/s; "
         )
-    what = "energy" if kind.dof < 0 else "amplitude"
     return ConvergenceError(
         f"backbone: by its {what} followed up to {points[0].value:.9g}, and not to {level:.9g}: {turned}{why}. Ask for "
         "levels below; those that were found are in the attribute branch of this error"

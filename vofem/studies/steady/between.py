@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from vofem.arrays import Array
-from vofem.errors import ConvergenceError
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.point import Point, corrected, derivative_by_value, tangent_at
 
@@ -46,38 +44,6 @@ class Step:
         return float(np.linalg.norm(self.secant))
 
 
-def between(family: Family, step: Step, share: float, known: Known, tolerance: float) -> tuple[Array, Any, Array]:
-    """Return an orbit between two neighbours, at a share of the way along the line between them."""
-    first, last, scales = step.first, step.last, step.first.scales
-    normal = step.secant / step.length
-    # Hermite's polynomial through both points with their tangents, and through the nearest of the other known ones.
-    near: list[float] = []
-    for other in sorted(known, key=lambda other: abs(other - share)):
-        # Places that are close to each other, seen from here, would make rounding large.
-        if min(abs(other - place) for place in (0.0, 1.0, *near)) > _APART * abs(other - share):
-            near.append(other)
-    near = near[:_NEAREST]
-    places = [0.0, 0.0, 1.0, 1.0, *near]
-    values = [point.y / scales for point in (first, first, last, last, *(known[other] for other in near))]
-    slopes = [point.tangent * point.scales / scales for point in (first, last)]
-    slopes = [slope * step.length / max(float(slope @ normal), 0.1) for slope in slopes]
-    guess = interpolated(places, values, slopes, share)
-    # The orbit is found on the plane at this share.
-    guess = guess + normal * (normal @ (values[0] + share * step.secant - guess))
-    by_value = (1.0 - share) * first.by_value + share * last.by_value
-    common = family, first.chart, guess * scales, scales, normal
-    try:
-        return corrected(*common, by_value, tolerance=tolerance)
-    except ConvergenceError:
-        if first.chart.nodes(first.evaluation) is None:
-            raise
-    # Near a branch point the equations are nearly singular and need an exact derivative.
-    problem = family.of(common[2])
-    start = first.chart.evaluate(problem, common[2][:-1])
-    by_value = derivative_by_value(family, first.chart, common[2], start)
-    return corrected(*common, by_value, 16, tolerance)
-
-
 def interpolated(places: list[float], values: list[Array], slopes: list[Array], at: float) -> Array:
     """Return the polynomial through values at places, of which the first and second pair have a slope, by Newton."""
     differences, total, factor = list(values), values[0].copy(), 1.0
@@ -102,11 +68,32 @@ def point_between(
     tangent: bool = True,
     tolerance: float = EXACT,
 ) -> Point:
-    """Return a point between two neighbours; `known` ones between them, by their shares, make the guess better."""
-    first = step.first
-    y, evaluation, by_value = between(family, step, share, known, tolerance)
-    direction = first.tangent
+    """Return the point at a share of the way between two neighbours; `known` ones between them make the guess better.
+
+    They are given by their shares.
+    """
+    first, last, scales = step.first, step.last, step.first.scales
+    normal = step.secant / step.length
+    # Hermite's polynomial through both points with their tangents, and through the nearest of the other known ones.
+    near: list[float] = []
+    for other in sorted(known, key=lambda other: abs(other - share)):
+        # Places that are close to each other, seen from here, would make rounding large.
+        if min(abs(other - place) for place in (0.0, 1.0, *near)) > _APART * abs(other - share):
+            near.append(other)
+    near = near[:_NEAREST]
+    places = [0.0, 0.0, 1.0, 1.0, *near]
+    values = [point.y / scales for point in (first, first, last, last, *(known[other] for other in near))]
+    slopes = [point.tangent * point.scales / scales for point in (first, last)]
+    slopes = [slope * step.length / max(float(slope @ normal), 0.1) for slope in slopes]
+    guess = interpolated(places, values, slopes, share)
+    # The orbit is found on the plane at this share.
+    guess = guess + normal * (normal @ (values[0] + share * step.secant - guess))
+    by_value = (1.0 - share) * first.by_value + share * last.by_value
+    y, evaluation, by_value = corrected(
+        family, first.chart, guess * scales, scales, normal, by_value, tolerance=tolerance, renewed=True
+    )
+    towards = first.tangent
     if tangent:
         by_value = derivative_by_value(family, first.chart, y, evaluation)
-        direction = tangent_at(evaluation, by_value, first.scales, step.secant / step.length)
-    return Point(first.chart, y, family.of(y), evaluation, first.scales, by_value, direction)
+        towards = tangent_at(evaluation, by_value, scales, normal)
+    return Point(first.chart, y, family.of(y), evaluation, scales, by_value, towards)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol, overload
 
 import numpy as np
@@ -99,21 +99,17 @@ class Orbits(Sequence[PeriodicOrbit]):
         return (self[k] for k in range(len(self)))
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class Curve(Saved):
     """A curve of orbits that files hold and that notebooks show; see `Branch` and `Locus` for its attributes."""
 
     _saver = "curve"
 
-    def __init__(
-        self,
-        special: Sequence[SpecialPoint],
-        counters: BranchCounters,
-        *,
-        notes: Sequence[str] = (),
-        interrupted: bool = False,
-    ) -> None:
-        self.special, self.counters = list(special), counters
-        self.notes, self.interrupted = list(notes), interrupted
+    values: Array
+    special: list[SpecialPoint]
+    counters: BranchCounters
+    notes: list[str] = field(default_factory=list)
+    interrupted: bool = False
 
     def _kinds(self) -> str:
         """Return how many special points of each kind there are."""
@@ -121,6 +117,7 @@ class Curve(Saved):
         return ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "nothing special"
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class Branch(Curve):
     """A branch of periodic orbits along a parameter.
 
@@ -141,21 +138,9 @@ class Branch(Curve):
         Whether Ctrl-C was pressed while the branch was followed; then it may end before its interval does.
     """
 
-    def __init__(
-        self,
-        values: Array,
-        orbits: Sequence[PeriodicOrbit],
-        special: Sequence[SpecialPoint],
-        counters: BranchCounters,
-        *,
-        notes: Sequence[str] = (),
-        periods: int = 1,
-        interrupted: bool = False,
-        source: Source | None = None,
-    ) -> None:
-        super().__init__(special, counters, notes=notes, interrupted=interrupted)
-        self.values = np.asarray(values, dtype=float)
-        self.orbits, self.periods, self._source = orbits, periods, source
+    orbits: Sequence[PeriodicOrbit]
+    periods: int = 1
+    _source: Source | None = None
 
     def __len__(self) -> int:
         return len(self.orbits)

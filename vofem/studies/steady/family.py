@@ -68,6 +68,11 @@ class Interval:
         """Length of the interval."""
         return abs(self.stop - self.start)
 
+    @property
+    def way(self) -> float:
+        """1 where the parameter grows from start to stop, else -1."""
+        return 1.0 if self.stop > self.start else -1.0
+
     def beyond(self, value: float) -> float | None:
         """Return the end that a value lies beyond, or None."""
         low, high = min(self.start, self.stop), max(self.start, self.stop)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,16 @@ from vofem.studies.steady.branch import BranchCounters
 from vofem.studies.steady.crossings import SHORTER, crossings, hidden
 from vofem.studies.steady.family import Family, Interval
 from vofem.studies.steady.near import signature_at
-from vofem.studies.steady.point import ORIGIN, Point, corrected, derivative_by_value, point_at, scales_of, tangent_at
+from vofem.studies.steady.point import (
+    ORIGIN,
+    Point,
+    corrected,
+    derivative_by_value,
+    level,
+    point_at,
+    scales_of,
+    tangent_at,
+)
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.signature import Signature
 from vofem.studies.steady.special import SpecialPoint, special_at
@@ -41,7 +50,7 @@ _CORNER, _SHORT = np.cos(np.radians(80.0)), 1e-4
 
 #: While an orbit is corrected the parameter is held where a fold is farther ahead than so many steps, and where the
 #: share of the parameter in the direction of the branch is at least so much.
-_FOLD, _LEVEL = 4.0, 1e-3
+_FOLD, _LEVEL = 2.0, 1e-3
 
 #: Distance in scaled coordinates within which a step may end at a grazing.
 _NEAR = 0.03
@@ -56,6 +65,7 @@ _LOOP = 12
 _AGAIN = 1e-2
 
 
+@dataclass
 class Follower:
     """Follows a branch, and holds what has been followed of it.
 
@@ -66,28 +76,30 @@ class Follower:
     `steps`: the steps from each point to the next; None if both are one orbit in other coordinates.
     """
 
-    def __init__(
-        self,
-        family: Family,
-        *,
-        largest: float = LARGEST,
-        most: int = 5000,
-        seconds: float | None = None,
-        noun: str = "branch",
-    ) -> None:
-        self.family = family
-        self.largest, self.most, self.seconds, self.noun = largest, most, seconds, noun
-        self.points: list[Point] = []
-        self.steps: list[Step | None] = []
-        self.special: list[SpecialPoint] = []
-        self.notes: list[str] = []
-        self.interrupted = False
-        self.counters = BranchCounters(search_flows=family.work.flows)
-        self._flows_counted = family.work.flows
-        self._over = False
-        self._leaving_another = False
-        self._begun = 0
-        self._why = ""
+    family: Family
+    _: KW_ONLY
+    largest: float = LARGEST
+    most: int = 5000
+    seconds: float | None = None
+    noun: str = "branch"
+    points: list[Point] = field(default_factory=list, init=False)
+    steps: list[Step | None] = field(default_factory=list, init=False)
+    special: list[SpecialPoint] = field(default_factory=list, init=False)
+    notes: list[str] = field(default_factory=list, init=False)
+    interrupted: bool = field(default=False, init=False)
+    _over: bool = field(default=False, init=False)
+    _leaving_another: bool = field(default=False, init=False)
+    _begun: int = field(default=0, init=False)
+    _why: str = field(default="", init=False)
+
+    def __post_init__(self) -> None:
+        self._flows_counted = self.family.work.flows
+        self.counters = BranchCounters(search_flows=self._flows_counted)
+
+    def found(self) -> dict[str, Any]:
+        """Return what a branch and a locus hold of the walk."""
+        names = ("special", "counters", "notes", "interrupted")
+        return {name: getattr(self, name) for name in names}
 
     # -- counting -------------------------------------------------------------------------------------
 
@@ -112,21 +124,16 @@ class Follower:
         before, after = hidden(self.family, (earlier, step), (known[0], known[1]))
         return [*found, *(replace(one, place=one.place - 1.0) for one in before), *after]
 
-    def point(self, chart: Any, y: Array, towards: Array, evaluation: Any = None) -> Point:
-        """Return a point with its tangent on the side of a direction in scaled coordinates."""
-        return point_at(self.family, chart, y, towards, evaluation)
-
     def begin(self, unknowns: Array, value: float) -> Point:
         """Return the first point, heading for the far end of the interval."""
         problem = self.family.at(value)
-        chart, y = signature_at(problem, unknowns) if isinstance(problem, Shooting) else (ORIGIN, unknowns)
+        chart, y = charted(problem, unknowns)
         y = np.append(y, value)
-        towards = np.zeros(y.size)
-        towards[-1] = 1.0 if self.family.interval.stop > self.family.interval.start else -1.0
+        towards = level(y.size, self.family.interval.way)
         evaluation = chart.evaluate(problem, y[:-1])
         scales = scales_of(self.family, chart, problem, evaluation)
         y, evaluation, _ = corrected(self.family, chart, y, scales, towards, np.zeros(y.size - 1))
-        return self.point(chart, y, towards, evaluation)
+        return point_at(self.family, chart, y, towards, evaluation)
 
     # -- the walk -------------------------------------------------------------------------------------
 
@@ -200,8 +207,7 @@ class Follower:
             self._why = f" ({error})"
             return self._ending(now, step)
         if passed is not None and passed.grazed:
-            left = float(np.linalg.norm((passed.before.y - now.y) / now.scales))
-            turns = left > _SHORT and now.tangent @ passed.before.tangent < _REFUSED
+            left, turns = self._before(now, passed)
             if (left > _NEAR or turns) and step > 0.5 * left:
                 # Steps become shorter towards a grazing, as they begin short beyond it: special points lie close to it.
                 return now, 0.5 * left
@@ -227,10 +233,16 @@ class Follower:
             return None
         if passed is None or self.family.interval.beyond(passed.at.value) is not None:
             return None
-        if step > _SHORT and now.tangent @ passed.before.tangent < _REFUSED:
+        if step > _SHORT and self._before(now, passed)[1]:
             self._why = " (the branch turns too far in one step)"
             return None
         return self._passed(now, passed, step)
+
+    @staticmethod
+    def _before(now: Point, passed: Passage) -> tuple[float, bool]:
+        """Return how far ahead a change of the signature lies, and whether the branch turns too far up to there."""
+        left = float(np.linalg.norm((passed.before.y - now.y) / now.scales))
+        return left, left > _SHORT and bool(now.tangent @ passed.before.tangent < _REFUSED)
 
     def _passed(self, now: Point, passed: Passage, step: float) -> tuple[Point, float] | None:
         """Continue beyond a change of the signature."""
@@ -271,7 +283,8 @@ class Follower:
         chart, y, towards = found
         y = np.append(y, now.value)
         evaluation = chart.evaluate(now.problem, y[:-1])
-        return self.point(chart, y, towards / scales_of(self.family, chart, now.problem, evaluation), evaluation)
+        scales = scales_of(self.family, chart, now.problem, evaluation)
+        return point_at(self.family, chart, y, towards / scales, evaluation)
 
     def _earlier(self, now: Point) -> tuple[Array, Array, float] | None:
         """Return the point before the last one, its tangent, both in scaled coordinates, and its distance."""
@@ -299,7 +312,7 @@ class Follower:
         if earlier is not None:
             bend = (slope - earlier[1][-1]) / earlier[2]
         held = isinstance(now.chart, Signature) and abs(slope) > max(_FOLD * step * abs(bend), _LEVEL)
-        normal = np.append(np.zeros(guess.size - 1), np.sign(slope)) if held else now.tangent
+        normal = level(guess.size, np.sign(slope)) if held else now.tangent
         common = self.family, now.chart, guess, now.scales, normal, now.by_value
         try:
             return corrected(*common, renewed=True)
@@ -417,11 +430,9 @@ class Follower:
         share = (end - now.value) / (after.value - now.value)
         guess = now.y + share * (after.y - now.y)
         guess[-1] = end
-        normal = np.zeros(guess.size)
-        normal[-1] = 1.0
         try:
-            y, evaluation, _ = corrected(self.family, now.chart, guess, now.scales, normal, now.by_value)
-            last = self.point(now.chart, y, now.tangent, evaluation)
+            y, evaluation, _ = corrected(self.family, now.chart, guess, now.scales, None, now.by_value)
+            last = point_at(self.family, now.chart, y, now.tangent, evaluation)
             if now.chart.segmented and passage(self.family, now, last) is not None:
                 return None
         except ConvergenceError:
@@ -444,6 +455,11 @@ class Quiet(Follower):
     def located(self, step: Step, earlier: Step | None) -> list[SpecialPoint]:
         """Return nothing."""
         return []
+
+
+def charted(problem: Any, unknowns: Array) -> tuple[Any, Array]:
+    """Return the chart in which an orbit is followed, and its coordinates there."""
+    return signature_at(problem, unknowns) if isinstance(problem, Shooting) else (ORIGIN, unknowns)
 
 
 @contextlib.contextmanager

@@ -136,7 +136,8 @@ def _values(load: Load, period: float, later: float) -> np.ndarray:
 
 def _check(what: str, load: Load, period: float) -> None:
     """Raise where a load differs from itself a period later."""
-    now = _values(load, period, 0.0)
+    now, waves = _values(load, period, 0.0), _frequencies(what, load, period)
+    own = f", here {2.0 * np.pi / waves[0]:.9g} s or a multiple of it" if len(waves) == 1 else ""
     size = float(np.abs(now).max())
     for count in (1, 2, 3):
         later = _values(load, period, count * period)
@@ -144,7 +145,7 @@ def _check(what: str, load: Load, period: float) -> None:
             raise ArgumentError(
                 f"{what}: {load.name} is not periodic with {period:.9g} s: it differs from itself {count} "
                 f"period{'s' * (count > 1)} later by {np.abs(later - now).max():.3g}. Loads of steady states are sums "
-                "of Sine and Constant; where the period is longer, give period="
+                f"of Sine and Constant; where the period is longer, give period={own}"
             )
 
 

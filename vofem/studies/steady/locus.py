@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,15 +15,13 @@ from vofem.errors import ArgumentError, ConvergenceError, MethodError
 from vofem.progress import Progress
 from vofem.scene import Scene
 from vofem.studies.steady.between import Step
-from vofem.studies.steady.branch import BranchCounters, Curve
+from vofem.studies.steady.branch import Curve
 from vofem.studies.steady.census import Test, kind_of, multipliers, pairs_at_one, real_at, turning
 from vofem.studies.steady.crossings import root
 from vofem.studies.steady.extended import Extended
 from vofem.studies.steady.family import Family, Interval
-from vofem.studies.steady.follow import LARGEST, Follower
-from vofem.studies.steady.near import signature_at
-from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.point import ORIGIN, Point, corrected
+from vofem.studies.steady.follow import LARGEST, Follower, charted
+from vofem.studies.steady.point import Point, corrected, level, point_at
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.special import KINDS, SpecialPoint, special_at
 from vofem.studies.steady.steady_state import as_guess
@@ -57,6 +55,7 @@ _SLOWEST = 1e-3
 _PAIR = "neimark_sacker"
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class Locus(Curve):
     """The curve of a special point of periodic orbits in two parameters.
 
@@ -79,20 +78,8 @@ class Locus(Curve):
         Whether Ctrl-C was pressed while the curve was followed.
     """
 
-    def __init__(
-        self,
-        values: Array,
-        kind: str,
-        special: Sequence[SpecialPoint],
-        counters: BranchCounters,
-        *,
-        contact: str = "",
-        notes: Sequence[str] = (),
-        interrupted: bool = False,
-    ) -> None:
-        super().__init__(special, counters, notes=notes, interrupted=interrupted)
-        self.values = np.asarray(values, dtype=float).reshape(-1, 2)
-        self.kind, self.contact = kind, contact
+    kind: str
+    contact: str = ""
 
     def __len__(self) -> int:
         return len(self.values)
@@ -177,7 +164,7 @@ def locus(
     family, first = _begin(build, special, Interval(start, stop))
     noun = f"locus of {special.kind}"
     walker = _Walk(family, largest=max_step, most=max_points, seconds=max_seconds, noun=noun)
-    first = walker.directed(first)
+    first = point_at(family, first.chart, first.y, level(first.y.size, family.interval.way), first.evaluation)
     if special.kind == "branch_point" and abs(first.tangent[-3]) > _UNFOLDS:
         raise ArgumentError(
             f"locus: the branch point at {special.value:.9g} exists for {start:.9g} alone: with another value of the "
@@ -190,20 +177,11 @@ def locus(
     rows.sort(key=lambda row: row[0])
     values = np.array([point.y[-2:] for _, point in rows])
     distinct = np.append(True, np.any(np.diff(values, axis=0) != 0.0, axis=1))
-    return Locus(
-        values[distinct], special.kind, walker.special, walker.counters,
-        contact=special.contact, notes=walker.notes, interrupted=walker.interrupted,
-    )  # fmt: skip
+    return Locus(values=values[distinct], kind=special.kind, contact=special.contact, **walker.found())
 
 
 class _Walk(Follower):
     """Follows a special orbit."""
-
-    def directed(self, first: Point) -> Point:
-        """Return the first point with its tangent towards the far end of the interval."""
-        towards = np.zeros(first.y.size)
-        towards[-1] = 1.0 if self.family.interval.stop > self.family.interval.start else -1.0
-        return self.point(first.chart, first.y, towards, first.evaluation)
 
     def located(self, step: Step, earlier: Step | None) -> list[SpecialPoint]:
         """Return the points of a step at which the locus is special. It shows its own turns."""
@@ -269,12 +247,6 @@ def _is_pair(point: Point) -> bool:
     return bool(np.min(np.abs(np.abs(values) - 1.0)) < _ON_CIRCLE) and kind_of(point) == _PAIR
 
 
-def _unknowns(problem: Any, orbit: PeriodicOrbit) -> tuple[Any, Array]:
-    """Return the equations of an orbit and its unknowns in them."""
-    x = problem.from_orbit(orbit)
-    return signature_at(problem, x) if isinstance(problem, Shooting) else (ORIGIN, x)
-
-
 def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interval: Interval) -> tuple[Family, Point]:
     """Return the family of orbits over both parameters, and the special point in it."""
     orbit, value, kind = special.orbit, float(special.value), special.kind
@@ -289,7 +261,7 @@ def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interv
     if isinstance(problem, Shooting):
         problem = as_guess(problem, orbit)
         family.begin_with(problem, value, interval.start)
-    inner, y = _unknowns(problem, orbit)
+    inner, y = charted(problem, problem.from_orbit(orbit))
     known = inner.evaluate(problem, y)
     where = f"build({value:.9g}, {interval.start:.9g})"
     if not known.error <= _ORBIT:
@@ -303,7 +275,7 @@ def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interv
     if shortest < problem.periods:
         family = family.over(shortest)
         problem = family.at(value, interval.start)
-        inner, y = _unknowns(problem, orbit)
+        inner, y = charted(problem, problem.from_orbit(orbit))
     held = -1
     if kind == "grazing":
         inner, y, held = _touch(problem, inner, y, special)
@@ -315,10 +287,8 @@ def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interv
         y = np.append(y, 0.0)
     y = np.concatenate([y, [value, interval.start]])
     scales = np.append(inner.scales(problem, evaluation), [1.0] * (chart.more - 1) + [chart.size, interval.size])
-    normal = np.zeros(y.size)
-    normal[-1] = 1.0
     try:
-        y, solved, by_value = corrected(family, chart, y, scales, normal, np.zeros(y.size - 1), 12)
+        y, solved, by_value = corrected(family, chart, y, scales, None, np.zeros(y.size - 1), 12)
     except ConvergenceError as error:
         raise ConvergenceError(
             f"locus: the equations of the {kind} are not solved from its orbit at {where}. {error}. Two special points "
@@ -329,7 +299,7 @@ def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interv
             f"locus: the {kind} of special, found at {value:.12g}, lies at {y[-2]:.12g} in {where}. Expected the scene "
             "for which it was found"
         )
-    return family, Point(chart, y, family.of(y), solved, scales, by_value, normal)
+    return family, Point(chart, y, family.of(y), solved, scales, by_value, level(y.size))
 
 
 def _angle(values: Any) -> float:

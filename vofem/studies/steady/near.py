@@ -38,10 +38,6 @@ def signature_at(problem: Shooting, unknowns: Array) -> tuple[Signature, Array]:
     longest = int(np.argmax(lengths))
     if min(lengths[0], lengths[-1]) >= _ANCHORED * lengths[longest]:
         return chart, y
-    if np.array_equal(whole.status, chart.start):
-        moved = chart.recentred(problem, y, np.zeros(y.size + 1))
-        if moved is not None:
-            return moved[:2]
     # A guess that is far from an orbit does not go on after its end as at its begin.
     segments = whole.solution.segments
     anchor = float(segments.starts[longest] + 0.5 * lengths[longest] / problem.loads.omega)

@@ -169,7 +169,7 @@ def corrected(
     chart: Any,
     guess: Array,
     scales: Array,
-    normal: Array,
+    normal: Array | None,
     by_value: Array,
     steps: int = _STEPS,
     tolerance: float = TOLERANCE,
@@ -179,7 +179,7 @@ def corrected(
     """Return an orbit near a guess, on the plane through it with a normal: `y` (n + 1,), evaluation, `by_value` (n,).
 
     `guess`, `scales` have shape (n + 1,).
-    `normal` (shape (n + 1,)): normal of the plane in scaled coordinates.
+    `normal` (shape (n + 1,)): normal of the plane in scaled coordinates; by default that of a value of the parameter.
     `by_value` (shape (n,)): approximate derivative of the residual with respect to the parameter. It is improved in the
     iteration.
     `steps`: largest number of evaluations.
@@ -188,6 +188,7 @@ def corrected(
     `renewed`: whether the derivative with respect to the parameter is computed anew where the iteration is slow.
     Raises `ConvergenceError`.
     """
+    normal = level(guess.size) if normal is None else normal
     plane = _OnPlane(family, chart, guess, scales, normal, by_value, nodes, renewed)
     found = solved(plane.evaluate, guess, steps - 1, tolerance=tolerance, step=plane.step, halvings=0, growth=_GROWTH)
     plane.improve(found.evaluation)
@@ -208,6 +209,11 @@ def point_at(family: Family, chart: Any, y: Array, towards: Array, evaluation: A
 def scales_of(family: Family, chart: Any, problem: Any, evaluation: Any) -> Array:
     """Return sizes of the coordinates of a chart, and of the parameter, shape (n + 1,)."""
     return np.append(chart.scales(problem, evaluation), family.interval.size)
+
+
+def level(size: int, along: float = 1.0) -> Array:
+    """Return the direction in which the parameter alone changes, shape (size,)."""
+    return np.append(np.zeros(size - 1), along)
 
 
 def tangent_at(evaluation: Any, by_value: Array, scales: Array, towards: Array) -> Array:

@@ -26,14 +26,11 @@ _DIFFERENCE = 1e-4
 def branch_of(walker: Follower) -> Branch:
     """Return a branch that has been followed."""
     return Branch(
-        np.array([point.value for point in walker.points]),
-        Orbits([point.orbit for point in walker.points]),
-        walker.special,
-        walker.counters,
-        notes=walker.notes,
+        values=np.array([point.value for point in walker.points]),
+        orbits=Orbits([point.orbit for point in walker.points]),
         periods=walker.family.periods,
-        interrupted=walker.interrupted,
-        source=Sheets(walker),
+        _source=Sheets(walker),
+        **walker.found(),
     )
 
 
@@ -82,14 +79,12 @@ class Sheets:
             share = np.sqrt(share)
         guess = first.y + share * (last.y - first.y)
         guess[-1] = value
-        normal = np.zeros(guess.size)
-        normal[-1] = 1.0
         by_value = np.zeros(guess.size - 1)
         try:
-            y, evaluation, _ = corrected(self.family, first.chart, guess, first.scales, normal, by_value, steps=20)
+            y, evaluation, _ = corrected(self.family, first.chart, guess, first.scales, None, by_value, steps=20)
         except ConvergenceError:
             return None
-        point = Point(first.chart, y, self.family.at(value), evaluation, first.scales, by_value, normal)
+        point = Point(first.chart, y, self.family.at(value), evaluation, first.scales, by_value, first.tangent)
         return point.unknowns(), point.orbit()
 
     def switch(self, special: SpecialPoint) -> Branch:

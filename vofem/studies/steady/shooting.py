@@ -188,7 +188,7 @@ class Shooting(OrbitProblem):
     def from_orbit(self, orbit: Any) -> Array:
         """Return the unknowns of an orbit, of the last period of a `Result`, or of anything a run can start from."""
         source = _at_phase(orbit, self.loads.period) if isinstance(orbit, Result) else orbit
-        initial = Initial("periodic", self.scene.bodies, source, by_name=True)
+        initial = Initial(f"{self._what}: guess", self.scene.bodies, source, by_name=True)
         return self.from_state(self.scene.initial_state(initial))
 
     # -- equations ------------------------------------------------------------------------------------

@@ -37,6 +37,9 @@ _STEPS, _FAR = 2, 200.0
 #: Least share of the loads from which orbits are followed, and the most orbits from there to the whole loads.
 _LEAST, _WAY = 0.01, 500
 
+#: Factor by which a motion is larger than that of an orbit from rest where it has no bound.
+_UNBOUNDED = 1e10
+
 #: Closings slower than this, of the largest speed of the contact, are reported as grazings.
 _SLOW = 1e-3
 
@@ -135,9 +138,23 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
             "vofem.continuation finds one by branch.switch at a period doubling"
         )
     if isinstance(problem, Shooting):
+        _refuse_unbounded(what, problem, evaluation.sizes)
         problem, found, more = _with_enough_vectors(problem, found)
         notes += more
     return problem, found, notes
+
+
+def _refuse_unbounded(what: str, problem: Shooting, sizes: tuple[float, float]) -> None:
+    """Raise where a motion without damping is so large that what the loads do in an orbit is lost in its rounding."""
+    if problem.system.damped:
+        return
+    z, v = problem.to_modes(problem.outside(np.zeros(problem.size)))
+    driven = problem.run(Start(0.0, z, v), problem.duration, check=True).sizes
+    if any(size > _UNBOUNDED * one > 0.0 for size, one in zip(sizes, driven, strict=True)):
+        raise ConvergenceError(
+            f"{what}: no orbit was found. Its motion is unbounded: a load acts at a natural frequency of a structure "
+            "without damping. Add damping, such as ModalDamping, or choose another frequency"
+        )
 
 
 def as_guess(problem: Any, guess: Any) -> Any:
