@@ -1,10 +1,10 @@
 """The midpoint rule with discrete gradients: energy at any step, order, contact laws, steps by tolerance."""
 
+import random
+
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
-from hypothesis import strategies as st
-from scenes import LAWS, alone, cantilever, on_stop, paper_beam, two_masses
+from scenes import alone, cantilever, on_stop, paper_beam, two_masses
 
 import vofem as vf
 
@@ -192,34 +192,36 @@ def test_order_of_the_bodies_of_a_contact():
             assert result.displacement(masses[1]) == pytest.approx(exact.displacement(masses[1]), abs=1e-5)
 
 
-def magnitudes(low, high):
-    return st.floats(np.log10(low), np.log10(high)).map(lambda x: float(10.0**x))
+def random_chain(seed):
+    """Return up to four masses with up to four contacts of all kinds between them, these contacts, and a step."""
+    rng = random.Random(seed)
 
+    def power(low, high):
+        return 10.0 ** rng.uniform(low, high)
 
-@settings(max_examples=60, deadline=None, derandomize=True, phases=[Phase.generate])
-@given(st.data())
-def test_energy_of_random_chains(data):
-    """Property 1: |dE| <= 1e-10 of the energies at work in 200 steps, whatever the scene."""
-    count = data.draw(st.integers(1, 4), "masses")
-    masses = [
-        vf.Mass(data.draw(magnitudes(1e-3, 1e3)), stiffness=data.draw(magnitudes(1e-3, 1e3))) for _ in range(count)
-    ]
+    masses = [vf.Mass(power(-3, 3), stiffness=power(-3, 3), name=f"m{k}") for k in range(rng.randint(1, 4))]
     contacts = []
-    for k in range(data.draw(st.integers(0, 4), "contacts")):
-        law = data.draw(st.sampled_from(LAWS))
-        gap = data.draw(st.one_of(st.just(0.0), magnitudes(1e-3, 10.0)))
-        if law == "penetration" and data.draw(st.booleans()):
-            gap = -gap
-        pair = data.draw(st.lists(st.sampled_from(masses), min_size=1, max_size=2, unique=True))
-        where = {"side": data.draw(st.sampled_from(["above", "below"]))} if len(pair) == 1 else {}
-        switch = vf.Resolved(data.draw(magnitudes(1.0, 1e5))) if data.draw(st.booleans()) else "ideal"
-        stiffness = data.draw(magnitudes(1e-3, 1e9))
-        contacts.append(
-            vf.Contact(*pair, gap=gap, stiffness=stiffness, acts_on=law, switch=switch, name=f"c{k}", **where)
-        )
-    initial = {m: (data.draw(st.floats(-2, 2)), data.draw(st.floats(-2, 2))) for m in masses}
-    dt = data.draw(magnitudes(1e-4, 1e2))
-    result = vf.simulate(vf.Scene(masses, contacts, initial), 200 * dt, dt=dt, **METHOD)
+    for k in range(rng.randint(1, 4)):
+        law, pair = rng.choice(["penetration", "displacement"]), rng.sample(masses, min(len(masses), rng.randint(1, 2)))
+        gap = rng.choice([0.0, power(-3, 1)]) * (rng.choice([1.0, -1.0]) if law == "penetration" else 1.0)
+        where = {"side": rng.choice(["above", "below"])} if len(pair) == 1 else {}
+        where["switch"] = rng.choice(["ideal", vf.Resolved(power(0, 5))])
+        contacts.append(vf.Contact(*pair, gap=gap, stiffness=power(-3, 9), acts_on=law, name=f"c{k}", **where))
+    initial = {mass: (rng.uniform(-2.0, 2.0), rng.uniform(-2.0, 2.0)) for mass in masses}
+    return vf.Scene(masses, contacts, initial), contacts, power(-4, 2)
+
+
+# Of 2 500 scenes, those that an earlier version lost or let gain energy, and those nearest to the bound.
+@pytest.mark.parametrize(
+    "seed",
+    [348, 2235, 909, 1047, 1078, 2387, 2402, 96, 205, 268, 321, 412, 547, 699, 991, 1048, 1049, 1201, 1341, 1684, 1867,
+     2121, 2157, 2188, 2261, 2328, 2391, 2396, 2487],
+)  # fmt: skip
+def test_energy_of_random_chains(seed):
+    """Property 1: |dE| <= 1e-10 of the energies at work in 200 steps, whatever the scene."""
+    scene, contacts, dt = random_chain(seed)
+    masses = scene.bodies
+    result = vf.simulate(scene, 200 * dt, dt=dt, nearby=False, **METHOD)
     # The energy K0 gap^2/2 that a jump sets free is rounded when it is added up, by half an eps in each of 200 steps.
     jumps = sum(c.stiffness * c.gap * (c.gap + 4.0) for c in contacts if c.acts_on == "displacement")
     forces = [result.contacts[c.name].force for c in contacts]

@@ -31,9 +31,7 @@ from vofem.arrays import Array
 from vofem.integrators.stepping.reactions import (
     ABSENT,
     ACTS,
-    CORRECT,
     FINISH,
-    FORCES_AT,
     KIND,
     LIMIT,
     PER,
@@ -41,7 +39,6 @@ from vofem.integrators.stepping.reactions import (
     PUSH,
     PUSHES,
     REACHED,
-    SEARCH,
     SPRUNG,
     STATUS,
     TARGET,
@@ -254,7 +251,7 @@ def advance(
     reactions, place, kind = work.reactions, work.reactions.place, work.reactions.whole[KIND]
     status = work.reactions.whole[STATUS]
     right, x, p, some = work.vectors[0], work.vectors[1], work.vectors[2], work.vectors[3]
-    held, u_before, base, rate, before, last, origin, apart, y, asked, found, more, damper = named(reactions)
+    held, u_before, base, rate, before, last, free, per, y, found, more, damper = named(reactions)
     dt, b, mean, half = numbers.way.dt, numbers.b, numbers.way.mean, numbers.b * numbers.way.dt * numbers.cvw
     m, solves, stride = found.size, 0, 0
     if rules is not None:
@@ -295,8 +292,8 @@ def advance(
             _prepare(rows, rules, k, numbers, factored, coupling, laws, reactions, some)
         if pots is not None:
             begin_springpots(pots, k, laws, way, chunk.pots, u_before, base, rate)
-        solved, turned = 0, False
-        for again in range(4):
+        solved = 0
+        for again in range(2):
             fill(right, 0.0)
             for e in range(loads.shape[0]):
                 _sum(right, right, values[k, e], loads[e])
@@ -328,11 +325,6 @@ def advance(
                 for j in range(m):
                     if b < 1.0 and last[j] != 0.0 and kind[j] == ACTS:
                         subtract_row(rows, here + j, (1.0 - b) * last[j], right)
-            if turned:
-                copy(base, y)
-                if not np.isfinite(call(reactions.laws, place, y, 0, y, 0, FORCES_AT, 0.0)):
-                    return k, solves
-                copy(asked, found)
             if known:
                 for j in range(m):
                     found[j] = ask(laws, j, FORCE, base[j], base[j])
@@ -349,21 +341,21 @@ def advance(
             solve(factored, x)
             if m > 0 and not known and (solved or again == 0):
                 for j in range(m):
-                    origin[j], row = rate[j] if explicit else base[j], there + j
+                    free[j], row = rate[j] if explicit else base[j], there + j
                     if rules is not None:  # noqa: SIM102
                         if kind[j] != ACTS:
                             assert drift is not None
-                            origin[j] = base[j]
+                            free[j] = base[j]
                             if not mean:
                                 row += stride
-                                origin[j] = dt * dot(rows, row, v1) + drift[0, k + 2, j]
-                                origin[j] += -drift[0, k + 1, j] if rules.anchored[j] else dot(rows, row, q1)
-                    apart[j] = dot(rows, row, x)
-                answer = call(reactions.address, place, y, 0, y, 0, CORRECT if turned else SEARCH, 0.0)
+                                free[j] = dt * dot(rows, row, v1) + drift[0, k + 2, j]
+                                free[j] += -drift[0, k + 1, j] if rules.anchored[j] else dot(rows, row, q1)
+                    free[j] += per[j] * dot(rows, row, x)
+                answer = call(reactions.address, place, y, 0, y, 0, 0.0, 0.0)
                 if answer < 0.0:
                     return k, solves
                 if answer > 0.0:
-                    solved, turned = 1, answer > np.floor(answer)
+                    solved = 1
                     copy(right, x)
                     for j in range(m):
                         part = weight if kind[j] == ACTS else 1.0
@@ -373,7 +365,7 @@ def advance(
                 break
             _sum(p, p, half, x)
             # Errors of the factored matrix in large corrections would work in one direction for ever.
-            if not turned and (again == 1 or half * _largest(x) <= _SMALL * _largest(p)):
+            if half * _largest(x) <= _SMALL * _largest(p):
                 break
         solves += 0 if explicit else solved
         if earlier is not None:

@@ -63,9 +63,6 @@ _FLAT = 1e-12
 #: Times that all sliders which do not agree may change at once; later only the first one does, which ends circles.
 _AT_ONCE = 8
 
-#: Response to a reaction within a step, over the coordinate, above which the reaction is corrected from its law.
-_TURNED = 4.0
-
 #: What a row does, see the module.
 ACTS, HOLDS, PUSHES, ABSENT = range(4)
 
@@ -73,21 +70,18 @@ ACTS, HOLDS, PUSHES, ABSENT = range(4)
 #: a part of a step further; and forces of dampers at the end, after which internal variables are those there.
 FORCES_AT, SLOPES_AT, ALONG, FINISH = range(4)
 
-#: What is asked of reactions: to find them, or to correct those that are held once.
-SEARCH, CORRECT = range(2)
-
 #: Rows of the numbers of the laws, (n, m). Given: reactions that the residual holds already, coordinates at the start,
 #: those that the state found so far has at the end, and their rates; mean forces of dampers in the step before, and
-#: reactions at its end; u without reactions is ``ORIGIN + PER APART``; places of rows that hold, or forces of those
+#: reactions at its end; u without reactions, and its rise with ``b_j.x``; places of rows that hold, or forces of those
 #: that push; of sliders the force that pushes, and that up to which they hold (inf: for ever), per normal force.
 #: Found: reactions, what they are beyond those held, forces of dampers, and those at which sliders have broken away.
 (
-    HELD, U0, BASE, RATE, BEFORE, LAST, ORIGIN, PER, APART, TARGET, PUSH, LIMIT, FOUND, MORE, DAMPER, REACHED
-) = range(16)  # fmt: skip
-#: Then work space: u, and without reactions; the sizes of the terms that it is a sum of; forces that rows ask for, and
-#: their slopes, also over the force of the law that presses; a step of R, and how it moves u.
-Y, FREE, SIZE, FORCES, SLOPE, SHARE, STEP, MOVE, _SOLUTION = range(16, 25)
-_NUMBERS_OF_LAWS = 25
+    HELD, U0, BASE, RATE, BEFORE, LAST, FREE, PER, TARGET, PUSH, LIMIT, FOUND, MORE, DAMPER, REACHED
+) = range(15)  # fmt: skip
+#: Then work space: u; the sizes of the terms that it is a sum of; forces that rows ask for, and their slopes, also over
+#: the force of the law that presses; a step of R, and how it moves u.
+Y, SIZE, FORCES, SLOPE, SHARE, STEP, MOVE, _SOLUTION = range(15, 23)
+_NUMBERS_OF_LAWS = 23
 
 #: Rows of whole numbers of the laws: what the row does, the law that presses or -1, whether the law takes the normal
 #: forces at both ends of a step, as the last two of five numbers; of sliders, the direction in which they slide, or 0;
@@ -153,8 +147,7 @@ def named(reactions: Reactions) -> tuple[Array, ...]:
     """Return the rows of the numbers of laws that a step reads or writes, in their order."""
     w = reactions.of_laws
     return (
-        w[HELD], w[U0], w[BASE], w[RATE], w[BEFORE], w[LAST], w[ORIGIN], w[APART], w[Y], w[FORCES], w[FOUND], w[MORE],
-        w[DAMPER],
+        w[HELD], w[U0], w[BASE], w[RATE], w[BEFORE], w[LAST], w[FREE], w[PER], w[Y], w[FOUND], w[MORE], w[DAMPER],
     )  # fmt: skip
 
 
@@ -222,31 +215,15 @@ def _ask_laws(place: int, p: Any, z: Any, question: float, part: float) -> float
 
 @jit
 def _react(place: int, p: Any, z: Any, question: float, unused: float) -> float:
-    """Find the reactions of a step, or correct those that are held.
-
-    Returns the number of Newton steps, 0 where no law acts, and -1 where there is no solution; half more than this
-    number where reactions are to be corrected, because their rounding leaves the coordinates no digits.
-    """
+    """Find the reactions of a step; return the number of Newton steps, 0 where no law acts, -1 without a solution."""
     at = shaped(integers(place), (23,))
     m, of_laws, band = at[_COUNT], at[_ASK], at[_BAND]
     w, whole = shaped(floats(at[_OF_LAWS]), (_NUMBERS_OF_LAWS, m)), shaped(integers(at[_WHOLE]), (5, m))
     numbers, square = shaped(floats(at[_NUMBERS]), (7,)), 0 if band else m
     reach, matrix = shaped(floats(at[_COUPLING]), (square, square)), shaped(floats(at[_MATRIX]), (square, square))
-    mean, explicit = numbers[MEAN_FORCES] > 0.0, numbers[EXPLICIT] > 0.0
-    if question == CORRECT:
-        # Corrections stay apart from large reactions, of which they would lose their digits.
-        copy(w[BASE], w[Y])
-        call(of_laws, place, w, 0, w, 0, SLOPES_AT, 0.0)
-        for j in range(m):
-            w[STEP, j] = w[SLOPE, j] * w[PER, j] * w[APART, j]
-        _through_matrix(w, whole, reach, matrix)
-        copy(w[STEP], w[MORE])
-        for j in range(m):
-            w[FOUND, j] = w[HELD, j] + w[STEP, j]
-        return 1.5
+    explicit = numbers[EXPLICIT] > 0.0
     acts, alone, sprung = 0.0, True, False
     for j in range(m):
-        w[FREE, j] = w[ORIGIN, j] + w[PER, j] * w[APART, j]
         alone, sprung = alone and whole[KIND, j] == ACTS and not whole[SPRUNG, j], sprung or whole[SPRUNG, j] > 0
         acts += abs(w[HELD, j])
     if acts == 0.0 and alone:
@@ -310,13 +287,9 @@ def _react(place: int, p: Any, z: Any, question: float, unused: float) -> float:
             w[MORE, j] += length * w[STEP, j]
             w[FOUND, j] = w[HELD, j] + w[MORE, j]
         if settled:
-            turned = 0.0
             for j in range(m):
                 acts += abs(w[FOUND, j])
-                far = _TURNED * (abs(w[U0, j]) + abs(w[BASE, j]))
-                if square and mean and alone and reach[j, j] * abs(w[FOUND, j]) > far:
-                    turned = 0.5
-            return step + 1 + turned if acts > 0.0 else 0.0
+            return step + 1.0 if acts > 0.0 else 0.0
         demand *= 2.0 if step < 22 else 1.0
     return -1.0
 
