@@ -39,9 +39,9 @@ lint: setup
 types: setup
 	$(BIN)/mypy
 
-# Whole modules go to the workers, in the order of tests/conftest.py.
+# Whole modules go to the workers, in the order of tests/conftest.py. Each worker has a core and needs no more threads.
 unit: setup
-	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
 
 # Compiled code with the oldest numba that pyproject.toml allows, beside the other packages of the lock.
 oldest: setup

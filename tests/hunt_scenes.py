@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from random_scenes import decades
 
 import vofem as vf
 
@@ -25,11 +26,6 @@ class Case:
     laws: dict[str, list[Any]]
     words: list[str] = field(default_factory=list)
     curves: dict[str, Any] = field(default_factory=dict)
-
-
-def decades(rng, low, high):
-    """Return a log-uniform number."""
-    return 10.0 ** rng.uniform(low, high)
 
 
 def load(rng, t_end, words):

@@ -1,5 +1,6 @@
 """The scenes that several tests use."""
 
+import json
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -14,7 +15,8 @@ from vofem.verification.cases.published import published
 
 __all__ = [
     "FREE", "LAWS", "SHORT", "PowerLossError", "alone", "between_stops", "broken_off", "cantilever", "in_a_row",
-    "lose_power", "on_stop", "paper_beam", "published", "quantity", "reference", "two_masses",
+    "ledger_error", "lose_power", "on_stop", "paper_beam", "published", "quantity", "reference", "reference_case",
+    "two_masses",
 ]  # fmt: skip
 
 DATA = Path(__file__).parent / "data"
@@ -48,6 +50,19 @@ acts_on = "penetration"
 def reference(name: str) -> dict[str, np.ndarray]:
     with np.load(DATA / f"{name}.npz") as file:
         return {key: file[key] for key in file.files}
+
+
+def reference_case(name: str) -> tuple[dict[str, Any], dict[str, Any], dict[str, np.ndarray]]:
+    """Scene, values and histories of a reference case, "folder/name"; see tests/data/README.md."""
+    case = json.loads((DATA / f"{name}.json").read_text())
+    return case["scene"], case["values"], reference(name)
+
+
+def ledger_error(result: vf.Result) -> float:
+    """Largest error of the balance of energy over the largest work."""
+    e = result.energy
+    total = e.kinetic + e.strain + e.contact + e.dissipated - e.work
+    return float(np.max(np.abs(total - total[0])) / np.max(np.abs(e.work)))
 
 
 def alone(mass: vf.Mass, *effects: Any, load: Any = None, start: Any = None) -> tuple[vf.Mass, vf.Scene]:

@@ -33,8 +33,7 @@ def small_steps(monkeypatch, size):
     monkeypatch.setattr("vofem.integrators.stepping.equal._CHUNK_WORK", size)
     monkeypatch.setattr("vofem.integrators.stepping.equal._PLAIN_WORK", size)
     monkeypatch.setattr("vofem.integrators.stepping.tolerance._CHUNK", 12)
-    for name in ("FIRST_CALL", "MOST"):
-        monkeypatch.setattr(f"vofem.integrators.event_driven.follow.{name}", 1)
+    monkeypatch.setattr("vofem.integrators.event_driven.follow.MOST", 1)
 
 
 # Two of the runs are too short to be broken off.

@@ -107,6 +107,7 @@ def test_a_chain_of_wagons(capsys):
     assert "14.3 of 22.5 kJ" in capsys.readouterr().out
 
 
+@pytest.mark.kernels("plain")
 def test_friction_and_rigid_impacts(capsys):
     names = run_page(DOCS / "friction-and-impacts.md")
     assert names["impacts"].closing[-1] == pytest.approx(2.873479, rel=1e-6)

@@ -81,6 +81,18 @@ def test_bodies_on_different_bases_cannot_be_joined_by_springs():
         vf.BaseMotion(3.0, shake)
 
 
+def test_supports_follow_one_motion():
+    """Two motions of one base contradict each other; their sum is one motion."""
+    body, other = vf.Mass(1.0, stiffness=4.0, name="body"), vf.Mass(1.0, stiffness=1.0, name="other")
+    f, g = vf.Sine(1.0, 3.0), vf.Constant(0.5)
+    with pytest.raises(vf.ArgumentError, match=r"BaseMotion of Mass 'body'.*cannot follow two motions.*f \+ g"):
+        vf.Scene([body, other], [vf.BaseMotion(other, f), vf.BaseMotion(body, f), vf.BaseMotion(body, g)])
+    scene = vf.Scene([body, other], [vf.BaseMotion(other, f), vf.BaseMotion(body, f + g)])
+    t = np.linspace(0.0, 5.0, 11)
+    expected = -0.125 * (1.0 - np.cos(2.0 * t)) - (np.sin(3.0 * t) - 1.5 * np.sin(2.0 * t)) / (4.0 - 9.0)
+    np.testing.assert_allclose(vf.simulate(scene, 5.0, times=t).displacement(body), expected, atol=1e-14)
+
+
 def test_a_nonlinear_spring_is_left_to_a_stepping_method():
     mass = vf.Mass(1.0)
     spring = vf.NonlinearSpring(mass, potential=lambda u: u**4 / 4, force=lambda u: u**3)

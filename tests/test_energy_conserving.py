@@ -147,11 +147,11 @@ def test_a_law_that_fails_inside_compiled_code_raises_what_it_raised():
 def test_steps_follow_a_tolerance():
     """The error is what was asked for, within a small factor; energy stays; rejected steps leave no trace."""
     first, _, scene = two_masses("c", "penetration")
-    times = np.linspace(0.0, 20.0, 41)
-    exact = vf.simulate(scene, 20.0, times=times).displacement(first)
+    times = np.linspace(0.0, 10.0, 21)
+    exact = vf.simulate(scene, 10.0, times=times).displacement(first)
     steps = []
     for tol in (1e-3, 1e-4, 1e-5):
-        result = vf.simulate(scene, 20.0, tol=tol, times=times, **METHOD)
+        result = vf.simulate(scene, 10.0, tol=tol, times=times, **METHOD)
         error = np.max(np.abs(result.displacement(first) - exact)) / np.max(np.abs(exact))
         assert 0.01 * tol < error < 3.0 * tol
         assert result.counters.rejected > 0

@@ -94,7 +94,6 @@ def test_the_loop_does_what_plain_python_does(name, monkeypatch):
     """Plain Python returns from the loop after every segment."""
     build, t_end = SCENES[name]
     by_loop = run(build(), t_end)
-    monkeypatch.setattr(follow, "FIRST_CALL", 1)
     monkeypatch.setattr(follow, "MOST", 1)
     counts = counted(monkeypatch)
     by_steps = vf.simulate(
@@ -128,7 +127,6 @@ def test_few_returns_to_python(load, monkeypatch):
 def test_results_do_not_depend_on_when_the_loop_returns(name, monkeypatch):
     build, t_end = SCENES[name]
     whole = run(build(), t_end)
-    monkeypatch.setattr(follow, "FIRST_CALL", 1)
     monkeypatch.setattr(follow, "MOST", 1)
     counts = counted(monkeypatch)
     often = run(build(), t_end)
@@ -171,7 +169,6 @@ def flow_of(scene):
 def test_flows_are_those_of_single_steps(monkeypatch):
     build = SCENES["beam, damped"][0]
     by_loop = flow_of(build())
-    monkeypatch.setattr(follow, "FIRST_CALL", 1)
     monkeypatch.setattr(follow, "MOST", 1)
     counts = counted(monkeypatch)
     by_steps = flow_of(build())

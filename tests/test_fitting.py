@@ -278,7 +278,7 @@ def test_wrong_data_are_refused() -> None:
     measured = vf.Measured(mass, [0.1, 0.2], [0.0, 0.0])
     with pytest.raises(vf.ArgumentError, match="expected a time in s or 'grow'"):
         vf.fit(scene, vf.Parameter("stop", "gap"), measured, horizon="all")
-    with pytest.raises(vf.ArgumentError, match=r"expected vofem\.Measured"):
+    with pytest.raises(vf.ArgumentError, match=r"expected what vofem\.Measured"):
         vf.fit(scene, vf.Parameter("stop", "gap"), [1.0])
     with pytest.raises(vf.ArgumentError, match="give it for all of them"):
         vf.fit(scene, vf.Parameter("stop", "gap"), [measured, vf.Measured(mass, [0.3], [0.0], 1.0)])

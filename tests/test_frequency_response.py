@@ -170,6 +170,9 @@ def test_sections_that_cannot_be_are_refused():
     for arguments in ({"period": 0.0}, {"period": 1.0, "skip": -1}, {"period": 1.0, "phase": np.nan}):
         with pytest.raises(vf.ArgumentError, match="poincare"):
             vf.poincare(run, **arguments)
+    with pytest.raises(vf.ArgumentError, match="period is 12 s, but the run lasts 10 s"):
+        vf.poincare(run, 12.0)
+    assert len(vf.poincare(run, 10.0)) == 2
     with pytest.raises(vf.ArgumentError, match="none is left"):
         vf.poincare(run, 3.0, skip=4)
     with pytest.raises(vf.ArgumentError, match="expected what"):

@@ -6,20 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import DATA, reference_case
 from scipy.integrate import solve_ivp
 
 import vofem as vf
 from vofem.io.csv_file import write_csv
 
 pytestmark = pytest.mark.kernels("plain")
-
-DATA = Path(__file__).parent / "data" / "friction"
-
-
-def data(name: str) -> tuple[dict[str, Any], dict[str, Any], dict[str, np.ndarray]]:
-    """Return scene, values and histories of reference data."""
-    read = json.loads((DATA / f"{name}.json").read_text())
-    return read["scene"], read["values"], dict(np.load(DATA / f"{name}.npz"))
 
 
 def run(scene: vf.Scene, t_end: float, times: np.ndarray | None = None, **options: Any) -> vf.Result:
@@ -38,7 +31,7 @@ def balance(result: vf.Result) -> float:
 
 def test_a_mass_on_a_belt_sticks_and_slips_as_its_closed_form() -> None:
     """Events, motion and dissipated energy of the stick-slip cycle."""
-    s, values, histories = data("belt")
+    s, values, histories = reference_case("friction/belt")
     mass = vf.Mass(s["m"], stiffness=s["k"], name="mass")
     pad = vf.Friction(
         mass, coefficient=s["mu_dynamic"], static=s["mu_static"], normal=s["N"], belt=s["v_belt"], name="pad"
@@ -74,7 +67,7 @@ def chain(s: dict[str, Any], **options: Any) -> tuple[vf.Scene, list[vf.Mass]]:
 
 def test_a_chain_agrees_with_the_reference_rigid_and_behind_a_spring() -> None:
     """Motion, events, and all parts of the energy."""
-    s, values, histories = data("chain")
+    s, values, histories = reference_case("friction/chain")
     scene, masses = chain(s)
     result = run(scene, s["t_end"], histories["t"])
     motion = np.array([result.displacement(mass) for mass in masses]).T
@@ -96,7 +89,7 @@ def test_a_chain_agrees_with_the_reference_rigid_and_behind_a_spring() -> None:
 
 def test_a_cantilever_with_a_slider_agrees_with_the_reference() -> None:
     """A damped beam with friction at its tip, from rest."""
-    s, values, histories = data("cantilever")
+    s, values, histories = reference_case("friction/cantilever")
     beam = vf.Beam(s["L"], s["EI"], s["rhoA"], s["elements"], {"left": "clamped"}, name="beam")
     effects = [
         vf.Friction(beam.at("right"), coefficient=1.0, normal=s["f"], name="pad"),
@@ -116,7 +109,7 @@ def test_a_cantilever_with_a_slider_agrees_with_the_reference() -> None:
 @pytest.mark.parametrize("name", ["denhartog_nonstop", "denhartog_nonstop_above", "denhartog_twostop"])
 def test_den_hartogs_orbits_close_and_have_his_amplitudes(name: str) -> None:
     """Three periods of the closed orbit, and the amplitude that a run from rest settles to."""
-    s, values, histories = data(name)
+    s, values, histories = reference_case(f"friction/{name}")
     mass = vf.Mass(s["m"], stiffness=s["k"], name="mass")
     effects = [vf.Friction(mass, coefficient=0.5, normal=2.0 * s["f"], name="pad"),
                vf.PointLoad(mass, vf.Sine(s["F"], s["Omega"], phase=0.5 * np.pi))]  # fmt: skip
@@ -316,9 +309,10 @@ def steps(
     return vf.simulate(scene, t_end, method=method, dt=t_end / count, times=times, nearby=False)
 
 
+@pytest.mark.kernels("compiled")
 def test_steps_follow_a_belt_and_a_chain_with_second_order() -> None:
     """Stick-slip, reversals and a spring in series against the reference: the error falls with the step squared."""
-    s, values, histories = data("belt")
+    s, values, histories = reference_case("friction/belt")
     mass = vf.Mass(s["m"], stiffness=s["k"], name="mass")
     pad = vf.Friction(
         mass, coefficient=s["mu_dynamic"], static=s["mu_static"], normal=s["N"], belt=s["v_belt"], name="pad"
@@ -337,7 +331,7 @@ def test_steps_follow_a_belt_and_a_chain_with_second_order() -> None:
     assert np.all(slider.slip_speed[slider.status == 0] == 0.0)
     assert np.all(slider.force[slider.status == -1][:3] < 0.0)
     assert balance(steps(scene, s["t_end"], 100)) < 1e-13
-    s, values, histories = data("chain")
+    s, values, histories = reference_case("friction/chain")
     stops = [time for time, what in values["events"] if what.startswith("stop")]
     breaks = [time for time, what in values["events"] if what.startswith("break")]
     for options, of, bound in (({}, "x", 5e-3), ({"stiffness": float(histories["kt_jenkins"])}, "x_jenkins", 6e-3)):
@@ -369,10 +363,11 @@ def bouncing(s: dict[str, Any], **options: Any) -> tuple[vf.Scene, vf.Mass]:
     return vf.Scene([x, y], effects, initial={x: (0.0, s["vx0"]), y: (s["h0"], 0.0)}), x
 
 
+@pytest.mark.kernels("compiled")
 def test_friction_follows_the_force_of_a_contact() -> None:
     """A bounce that slides until it rests, one held by a spring, and a flutter of coupled modes on a belt."""
     for name, bound, order in (("bounce", 4e-5, 14.0), ("bounce_spring", 5e-4, 4.0)):
-        s, values, histories = data(name)
+        s, values, histories = reference_case(f"friction/{name}")
         scene, x = bouncing(s)
         errors = []
         for count in (500, 2000):
@@ -388,14 +383,14 @@ def test_friction_follows_the_force_of_a_contact() -> None:
         assert balance(steps(scene, s["t_end"], 100)) < 1e-13
         power = np.trapezoid(slider.wear_power, result.times)
         assert power == pytest.approx(values["int_N_absw"], rel=2e-2)
-    s, _, histories = data("mode_coupling")
+    s, _, histories = reference_case("friction/mode_coupling")
     scene, x = flutter(s)
     errors = []
-    for count in (750, 3000):
+    for count in (750, 1500):
         result = steps(scene, s["t_end"], count, histories["t"])
         errors.append(np.abs(result.displacement(x) - histories["q"][:, 0]).max() / np.abs(histories["q"][:, 0]).max())
-    assert errors[1] < 2e-2
-    assert errors[0] > 14.0 * errors[1]
+    assert errors[1] < 6e-2
+    assert errors[0] > 3.7 * errors[1]
     assert not result.frictions["pad"].stops.size
     assert balance(steps(scene, s["t_end"], 100)) < 1e-13
 
@@ -415,10 +410,11 @@ def flutter(s: dict[str, Any]) -> tuple[vf.Scene, vf.Mass]:
     return vf.Scene([x, y], effects, initial={x: (s["q0"][0], 0.0), y: (-s["q0"][1], 0.0)}), x
 
 
+@pytest.mark.kernels("compiled")
 @pytest.mark.parametrize(("method", "sooner"), [("generalized_alpha", 1.0), ("central_difference", 0.5)])
 def test_other_steps_slide_with_second_order(method: str, sooner: float) -> None:
     """Stick-slip with a jump at break-away, reversals, and friction under a contact; `sooner` scales the errors."""
-    s, values, histories = data("belt")
+    s, values, histories = reference_case("friction/belt")
     mass = vf.Mass(s["m"], stiffness=s["k"], name="mass")
     pad = vf.Friction(
         mass, coefficient=s["mu_dynamic"], static=s["mu_static"], normal=s["N"], belt=s["v_belt"], name="pad"
@@ -433,7 +429,7 @@ def test_other_steps_slide_with_second_order(method: str, sooner: float) -> None
     np.testing.assert_allclose(slider.breaks, values["events"][0::2], rtol=2e-4)
     np.testing.assert_allclose(slider.stops, values["events"][1::2], rtol=2e-4)
     assert slider.dissipated[-1] == pytest.approx(values["total_dissipated"], rel=2e-3)
-    s, _, histories = data("chain")
+    s, _, histories = reference_case("friction/chain")
     scene, masses = chain(s)
     errors = []
     for count in (500, 2000):
@@ -443,7 +439,7 @@ def test_other_steps_slide_with_second_order(method: str, sooner: float) -> None
     assert errors[1] < 6e-3 * sooner
     assert errors[0] > 11.0 * errors[1]
     assert balance(result) < 1e-3
-    s, _, histories = data("mode_coupling")
+    s, _, histories = reference_case("friction/mode_coupling")
     scene, x = flutter(s)
     errors = []
     for count in (750, 1500):
@@ -451,12 +447,32 @@ def test_other_steps_slide_with_second_order(method: str, sooner: float) -> None
         errors.append(np.abs(result.displacement(x) - histories["q"][:, 0]).max() / np.abs(histories["q"][:, 0]).max())
     assert errors[1] < 6e-2 * sooner
     assert errors[0] > 3.7 * errors[1]
+    # The largest friction force is that of the normal force at the time of balance, or some step has no solution.
+    s, _, histories = reference_case("friction/bounce_spring")
+    scene, x = bouncing(s)
+    errors = []
+    for count in (500, 2000, 4000):
+        result = steps(scene, s["t_end"], count, histories["t"], method)
+        errors.append(np.abs(result.displacement(x) - histories["x"]).max() / np.abs(histories["x"]).max())
+    assert errors[-1] < 2e-4
+    assert errors[0] > 8.0 * errors[-1]
 
 
+def test_a_slider_that_sticks_behind_a_spring_does_not_slip() -> None:
+    """By every method, also where it came to rest within the last step."""
+    s, _, histories = reference_case("friction/chain")
+    scene, _ = chain(s, stiffness=float(histories["kt_jenkins"]), static=1.5)
+    for result in (run(scene, s["t_end"]), steps(scene, s["t_end"], 1600)):
+        slider = result.frictions["pad"]
+        assert 0.0 < np.mean(slider.status == 0) < 1.0
+        np.testing.assert_array_equal(slider.slip_speed == 0.0, slider.status == 0)
+
+
+@pytest.mark.kernels("compiled")
 @pytest.mark.parametrize("method", ["energy_conserving", "generalized_alpha", "central_difference"])
 def test_a_slider_behind_a_spring_is_pressed_by_a_contact(method: str) -> None:
     """It is relaxed at every closing; the motion amplifies errors, so that many steps are needed."""
-    s, _, histories = data("bounce_jenkins")
+    s, _, histories = reference_case("friction/bounce_jenkins")
     scene, x = bouncing(s, stiffness=s["kt"])
     errors = []
     for count in (500, 8000):
@@ -472,6 +488,7 @@ def test_a_slider_behind_a_spring_is_pressed_by_a_contact(method: str) -> None:
     assert slider.breaks.size > 5
 
 
+@pytest.mark.kernels("compiled")
 @pytest.mark.parametrize("method", ["energy_conserving", "generalized_alpha", "central_difference"])
 def test_a_normal_force_that_depends_on_time(method: str) -> None:
     """A block that slides loses speed as the impulse of the normal force grows; a force below zero presses nothing."""
@@ -491,6 +508,7 @@ def test_a_normal_force_that_depends_on_time(method: str) -> None:
         run(vf.Scene([block], [pad]), 1.0)
 
 
+@pytest.mark.kernels("compiled")
 @pytest.mark.parametrize("method", ["energy_conserving", "generalized_alpha"])
 def test_a_stuck_slider_breaks_away_on_time_under_a_tolerance(method: str) -> None:
     """Nothing moves for a hundred seconds, so no step has an error, and then a slow load or a fast one overcomes it."""
@@ -502,13 +520,14 @@ def test_a_stuck_slider_breaks_away_on_time_under_a_tolerance(method: str) -> No
     assert abs(result.displacement(block)[1]) < 1e-12
     assert result.displacement(block)[2] == pytest.approx(0.01 * 10.0**3 / 6.0, rel=3.0 * tol)
     fast = vf.Scene([block], [pad, vf.PointLoad(block, vf.Sine(1.2, 3.0))])
-    result = vf.simulate(fast, 10.0, method=method, tol=tol, times=[0.0, 10.0])
-    exact = run(fast, 10.0, np.array([0.0, 10.0]))
-    assert result.frictions["pad"].breaks.size == exact.frictions["pad"].breaks.size > 8
+    result = vf.simulate(fast, 5.0, method=method, tol=tol, times=[0.0, 5.0])
+    exact = run(fast, 5.0, np.array([0.0, 5.0]))
+    assert result.frictions["pad"].breaks.size == exact.frictions["pad"].breaks.size > 3
     np.testing.assert_allclose(result.frictions["pad"].breaks, exact.frictions["pad"].breaks, atol=5e-3)
     assert result.displacement(block)[-1] == pytest.approx(exact.displacement(block)[-1], rel=1e-2)
 
 
+@pytest.mark.kernels("compiled")
 @pytest.mark.parametrize("method", ["energy_conserving", "generalized_alpha", "central_difference"])
 def test_a_slider_behind_a_spring_that_is_harder_to_start(method: str) -> None:
     """The force falls at break-away, within a step; the run is compared with the exact one."""
@@ -524,6 +543,7 @@ def test_a_slider_behind_a_spring_that_is_harder_to_start(method: str) -> None:
     assert errors[0] > 3.0 * errors[1]
 
 
+@pytest.mark.kernels("compiled")
 def test_the_slip_of_a_slider_behind_a_spring_is_its_own_and_makes_the_heat() -> None:
     """The end of the spring moves while the slider sticks, and rubs on nothing; steps and the exact run agree."""
     block = vf.Mass(1.0, stiffness=20.0, name="block")
@@ -539,6 +559,7 @@ def test_the_slip_of_a_slider_behind_a_spring_is_its_own_and_makes_the_heat() ->
         assert heat == pytest.approx(slider.dissipated[-1], rel=2e-3)
 
 
+@pytest.mark.kernels("compiled")
 def test_several_sliders_on_a_beam_in_steps_agree_with_the_exact_run() -> None:
     """Two rigid sliders that hold each other, beside one behind a spring and a contact with a damper."""
     beam = vf.Beam(1.0, 10.0, 0.5, 4, {"left": "clamped"}, name="beam")
@@ -557,18 +578,18 @@ def test_several_sliders_on_a_beam_in_steps_agree_with_the_exact_run() -> None:
     assert exact.contacts["stop"].closings.size
     size = np.abs(exact.displacement(beam.at("right"))).max()
     errors = []
-    for count in (600, 2400):
+    for count in (400, 1600):
         result = steps(scene, 1.5, count, times)
         errors.append(np.abs(result.displacement(beam.at("right")) - exact.displacement(beam.at("right"))).max() / size)
     assert errors[1] < 5e-3
     assert errors[0] > 3.0 * errors[1]
     for pad in ("one", "two", "three"):
         assert result.frictions[pad].dissipated[-1] == pytest.approx(exact.frictions[pad].dissipated[-1], rel=2e-2)
-    assert balance(steps(scene, 1.5, 600)) < 1e-12
+    assert balance(steps(scene, 1.5, 300)) < 1e-12
 
 
 def test_friction_under_a_contact_is_refused_where_it_cannot_be_treated() -> None:
-    s, _, _ = data("bounce_spring")
+    s, _, _ = reference_case("friction/bounce_spring")
     scene, x = bouncing(s)
     with pytest.raises(vf.MethodError, match=r"'pad' is pressed by the contact 'floor'.*event_driven.*energy_conserv"):
         run(scene, 1.0)
@@ -612,7 +633,7 @@ def test_what_takes_no_slider_names_it() -> None:
 
 def test_harmonic_balance_of_a_slider_behind_a_spring(tmp_path: Path) -> None:
     """The exact amplitude of the oscillator, the settled motion of a beam with a stop, and a branch from its file."""
-    exact = json.loads((DATA.parent / "orbits" / "P7.json").read_text())["jenkins_exact"]
+    exact = json.loads((DATA / "orbits" / "P7.json").read_text())["jenkins_exact"]
     block = vf.Mass(1.0, stiffness=1.0, damping=exact["c"], name="block")
     pad = vf.Friction(block, coefficient=0.25, normal=exact["fy"] / 0.25, stiffness=exact["kt"], name="pad")
 

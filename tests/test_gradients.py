@@ -65,6 +65,28 @@ def test_the_pass_backward_gives_the_forward_derivatives(case: Any) -> None:
             assert np.max(np.abs(found - right) * unit) < 1e-12 * np.max(np.abs(right) * unit), name
 
 
+def test_overdamped_modes_cost_no_points_once_they_have_decayed() -> None:
+    """The fastest mode decays at 3e5/s: points for it all along would take hours."""
+    beam = vf.Beam(1.0, EI=1.0, rhoA=1.0, elements=10, supports={"left": "clamped"}, name="beam")
+    stop = vf.Contact(beam.at(1.0), gap=0.03, stiffness=10.0, side="below", acts_on="penetration", name="stop")
+    damping = vf.RayleighDamping(0.1, 0.01, name="rayleigh")
+    scene = vf.Scene([beam], [stop, damping, vf.PointLoad(beam.at(1.0), vf.Sine(0.05, 4.5), name="load")])
+    result = vf.simulate(scene, 3.0, method="event_driven", times=[0.0, 3.0], progress=False)
+    parameters = [Parameter("stop", "gap"), Parameter("rayleigh", "beta"), Parameter("load", "f.omega")]
+    forward = vf.sensitivities(result, parameters)
+    impulse = vf.gradient(result, vf.objectives.impulse("stop", 1), parameters)
+    assert impulse == pytest.approx(forward.contacts["stop"].impacts.impulse[0], rel=1e-9)
+    energy = vf.gradient(result, vf.objectives.dissipated(), parameters)
+    assert energy == pytest.approx(forward.energy.dissipated[-1], rel=1e-9)
+    # A difference of runs, for the points themselves.
+    moved = [
+        vf.simulate(parameters[1].changed(scene, step), 3.0, method="event_driven", times=[3.0], progress=False)
+        for step in (-1e-6, 1e-6)
+    ]
+    slope = (moved[1].energy.dissipated[-1] - moved[0].energy.dissipated[-1]) / 2e-6
+    assert energy[1] == pytest.approx(slope, rel=1e-6)
+
+
 def test_an_impulse_that_ends_when_a_resting_contact_is_released() -> None:
     mass = vf.Mass(1.0, stiffness=10.0, damping=2.0, name="mass")
     stop = vf.Contact(mass, gap=0.1, stiffness=200.0, side="above", acts_on="displacement", name="stop")

@@ -144,9 +144,11 @@ def test_steps_that_follow_a_tolerance(kind, exact):
     times, motions = exact
     mass, scene = swinging(kind)
     scene = vf.Scene(scene.bodies, scene.effects, {mass: (0.3, 1.0)})
-    result = vf.simulate(scene, 30.0, method="energy_conserving", tol=1e-5, times=times)
+    result = vf.simulate(scene, 10.0, method="energy_conserving", tol=1e-5, times=times[:11])
     assert result.counters.rejected > 0
-    assert np.max(np.abs(result.displacement(mass) - motions[kind])) < 3e-5 * np.max(np.abs(motions[kind]))
+    right = motions[kind][:11]
+    assert np.max(np.abs(right)) > 5.0  # the springs yield
+    assert np.max(np.abs(result.displacement(mass) - right)) < 3e-5 * np.max(np.abs(right))
 
 
 def springs_on(points, kinds):

@@ -116,15 +116,15 @@ def test_two_folds_meet_at_a_cusp():
 
 def test_branch_points_of_a_symmetric_scene():
     """Both branch points are ends of one curve; they exist for equal stops alone."""
-    points = vf.continuation(lambda w: between_stops(w, 0.8), 0.75, 1.2).special
+    points = vf.continuation(lambda w: between_stops(w, 0.65), 0.75, 1.2).special
     assert [s.kind for s in points] == ["branch_point"] * 2
-    found = vf.locus(between_stops, points[0], 0.8, 0.5, max_step=0.25)
-    assert found.values[-1] == pytest.approx((points[1].value, 0.8), abs=1e-10)
+    found = vf.locus(between_stops, points[0], 0.65, 0.5, max_step=0.25)
+    assert found.values[-1] == pytest.approx((points[1].value, 0.65), abs=1e-10)
     (turn,) = found.special
     assert turn.kind == "turn"
-    assert 0.5 < turn.other < 0.8
+    assert 0.5 < turn.other < 0.65
     with pytest.raises(ArgumentError, match="not symmetric"):
-        vf.locus(lambda w, gap: between_stops(w, 0.8, gap), points[0], 0.5, 0.6)
+        vf.locus(lambda w, gap: between_stops(w, 0.65, gap), points[0], 0.5, 0.6)
 
 
 def test_a_grazing_by_its_closed_form(branches):
@@ -137,7 +137,6 @@ def test_a_grazing_by_its_closed_form(branches):
         assert abs(amplitude * np.linalg.solve(matrix, [0.0, 1.0])[0]) == pytest.approx(1.0, abs=1e-9)
 
 
-@pytest.mark.kernels("plain")
 def test_folds_by_harmonic_balance():
     """With five harmonics the fold of a mass on a stop moves as that of another branch with five harmonics does."""
 

@@ -63,7 +63,7 @@ def test_many_times_are_sampled_as_each_alone(name):
         events = solution.events.time
         assert events.size >= 6
         times = np.sort(np.concatenate([times, events + 1e-9, events + 1e-6]))
-        z, v, gaps = solution._trajectory(times)
+        (z, v), (gaps, _, _) = solution.modal(times), solution.pressed(times)
         starts = solution.segment_starts
         segments = np.searchsorted(starts, times, side="right") - 1
         for index in np.unique(segments).tolist():
@@ -82,9 +82,9 @@ def test_many_times_are_sampled_as_each_alone(name):
 def test_the_samples_of_many_times_outlive_energies_at_one():
     _, scene = alone(vf.Mass(1.0, stiffness=1.0), start=(0.5, 0.0))
     solution = vf.simulate(scene, 1.0, method="event_driven", times=np.linspace(0.0, 1.0, 50)).solution
-    many = solution._trajectory(solution.times)
+    many = solution.modal(solution.times)
     assert solution.start_energy == pytest.approx(0.125, rel=1e-14)
-    assert all(one is other for one, other in zip(solution._trajectory(solution.times), many, strict=True))
+    assert all(one is other for one, other in zip(solution.modal(solution.times), many, strict=True))
 
 
 def tube(load, *more, damping=0.5, law="penetration"):
@@ -133,17 +133,17 @@ def test_samples_are_shared_while_a_result_holds_them(monkeypatch):
     monkeypatch.setattr(module, "_MOST_KEPT", 0)
     times = np.linspace(0.0, 1.0, 400)
     result = vf.simulate(tube(vf.Sine(1.0, 5.0)), 1.0, times=times, method="event_driven")
-    calls, plain = [], module.EventSolution._sampled_at
-    monkeypatch.setattr(module.EventSolution, "_sampled_at", lambda *given: calls.append(1) or plain(*given))
+    calls, plain = [], module.EventSolution.moved
+    monkeypatch.setattr(module.EventSolution, "moved", lambda *given: calls.append(given[1].size) or plain(*given))
     tip = result.scene.bodies[0].at(1.0)
     result.displacement(tip)
     force = result.contacts["above 1.0"].force
     assert result.energy.balance_error < 1e-12
-    # The second sampling is that of the energy at the start.
-    assert len(calls) == 2
+    # The others are those of the energy at the start.
+    assert sorted(calls) == [1, 1, 400]
     again = copy.copy(result.solution)
     assert np.array_equal(again.contacts(times).force[2], force)
-    assert len(calls) == 3
+    assert len(calls) == 4
 
 
 def test_many_samples_of_few_degrees_of_freedom(monkeypatch):

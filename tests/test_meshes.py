@@ -364,10 +364,8 @@ def test_files_that_are_not_there(tmp_path):
     refusal(tmp_path / "beam.xyz", "'.xyz'", ".msh, .vtu, .med", "meshio convert")
     (tmp_path / "beam").write_text("beam")
     refusal(tmp_path / "beam", "extension ''")
-    with pytest.raises(vf.MeshError, match=r"cannot be read|does not exist"):
-        vf.Beam.from_mesh("a\0b.msh", 1.0, 1.0)
     for path in (None, 3, b"beam.msh"):
-        with pytest.raises(vf.ArgumentError, match="expected a string or a path"):
+        with pytest.raises(vf.ArgumentError, match="expected the name of a mesh file"):
             vf.Beam.from_mesh(path, 1.0, 1.0)
 
 

@@ -23,6 +23,17 @@ def test_a_branch_of_the_population(seed):
     assert found[0].special
 
 
+def test_a_turn_beside_a_grazing_is_not_stepped_over():
+    """A fold and a Neimark-Sacker point lie a millionth of a step beside the grazing of a stiff stop."""
+    case = drawn(330)
+    there = vf.continuation(case.build, 0.262, 0.264)
+    back = vf.continuation(case.build, 0.262, 0.264, guess=there.orbits[-1])
+    assert [one.kind for one in there.special] == ["grazing", "neimark_sacker", "fold"]
+    assert [one.kind for one in back.special] == ["fold", "neimark_sacker", "grazing"]
+    values = [[one.value for one in branch.special] for branch in (there, back)]
+    assert values[0] == pytest.approx(values[1][::-1], rel=SAME)
+
+
 def test_a_lost_branch_tells_what_its_contacts_do():
     """A cantilever on a stop whose force jumps touches it ever more often, for ever shorter times."""
     case = drawn(209)

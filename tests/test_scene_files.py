@@ -581,9 +581,7 @@ def test_files_that_are_not_there(tmp_path):
         vf.load_scene(tmp_path / "cantilver.toml")
     with pytest.raises(vf.SceneFileError, match="this is a directory"):
         vf.load_scene(tmp_path)
-    with pytest.raises(vf.SceneFileError, match="cannot be read"):
-        vf.load_scene("a\0b")
-    with pytest.raises(vf.ArgumentError, match="expected the path of a scene file"):
+    with pytest.raises(vf.ArgumentError, match="expected the name of a scene file"):
         vf.load_scene(3)
 
 

@@ -97,6 +97,7 @@ def test_pictures_refuse_what_they_cannot_show(branch, tmp_path):
     mass = vf.Mass(1.0, stiffness=1.0, damping=0.1)
     memory = vf.Springpot(mass, coefficient=0.3, order=0.5)
     orbit = vf.periodic(vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, 2.0)), memory]))
+    plot.multipliers([orbit, *found.orbits[:2]], tmp_path / "known.png")
     for draw in (
         lambda: plot.response_curve([], masses[0], path),
         lambda: plot.response_curve(found, "b", path),

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from vofem.result import Result
     from vofem.scene import Scene
     from vofem.studies.steady import Branch
+    from vofem.studies.sweep import Sweep
 
 __all__ = ["FAULT", "FINE", "INTERRUPTED", "main", "script"]
 
@@ -123,6 +124,26 @@ def _wrote(paths: Iterable[Path]) -> None:
     print("\nwrote " + "\n      ".join(str(path) for path in paths))
 
 
+def _write_all(numbers: Iterable[Path], pictures: Iterable[Path], interrupted: bool = False) -> int:
+    """Write files one by one, say which, and return the exit code.
+
+    Ctrl-C waits for the files of numbers, or for the picture that is being drawn. After it pictures are left out.
+    """
+    from vofem.integrators.observer import deferred_interrupts
+
+    with deferred_interrupts() as pressed:
+        written = list(numbers)
+        interrupted = interrupted or pressed()
+        for path in () if interrupted else pictures:
+            written.append(path)
+            interrupted = pressed()
+            if interrupted:
+                print("interrupted: what is not listed here is left out")
+                break
+    _wrote(written)
+    return INTERRUPTED if interrupted else FINE
+
+
 def _print_method(file: SceneFile, wanted: str | None) -> None:
     """Say which method is used, where it is not the one that vofem would choose."""
     method = wanted or (file.run.method if file.run is not None else "auto")
@@ -150,10 +171,12 @@ def _made(folder: Path) -> Path:
     return folder
 
 
-def _write(result: Result, output: OutputSettings, folder: Path) -> Iterator[Path]:
-    """Write the histories of a run; return the files one by one."""
+def _write(result: Result, output: OutputSettings, folder: Path, arguments: argparse.Namespace) -> Iterator[Path]:
+    """Write a run, where it is to be saved, and its histories; return the files one by one."""
     from vofem.io.csv_file import write_csv, write_probes
 
+    if arguments.save is not None:
+        yield result.save(arguments.save, overwrite=arguments.overwrite)
     yield write_csv(result, _history_points(result.scene, output), folder / "histories.csv")
     if result.recorded is not None:
         yield write_probes(result, folder / "probes.csv")
@@ -237,7 +260,10 @@ def _add_run(commands: Commands) -> None:
     run.add_argument("--dt", type=float, help="in s, instead of the file's")
     run.add_argument("--no-pictures", action="store_true", help="write numbers only")
     run.add_argument("--snapshot", action="store_true", help="draw snapshot.png in three dimensions too, with VTK")
-    run.add_argument("--save", type=Path, metavar="RUN", help="file .vtkhdf for the whole run; ParaView opens it too")
+    run.add_argument(
+        "--save", type=Path, metavar="RUN", nargs="?", const=Path(),
+        help="file .vtkhdf for the whole run, which ParaView opens too (run.vtkhdf in the folder of --output)",
+    )  # fmt: skip
     run.add_argument("--overwrite", action="store_true", help="let --save replace a file")
 
 
@@ -255,6 +281,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.save is not None:
         from vofem.io.storage.run_file import check_target
 
+        arguments.save = folder / "run.vtkhdf" if arguments.save == Path() else arguments.save
         check_target(arguments.save, arguments.overwrite)
     with blas_threads(file.scene.model.system.size):
         return _simulated(arguments, file, folder)
@@ -262,7 +289,6 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path) -> int:
     """Run, print tables, write what is wanted; return the exit code."""
-    from vofem.integrators.observer import deferred_interrupts
     from vofem.io import tables
 
     result = file.simulate(**_changes(arguments, file))
@@ -285,22 +311,8 @@ def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path) -> 
         print("interrupted: what is not printed yet and pictures are left out", flush=True)
     for note in result.notes:
         print(f"note: {note}")
-    written: list[Path] = []
-    # Ctrl-C waits for the files of numbers, or for the picture that is being drawn.
-    with deferred_interrupts() as pressed:
-        if arguments.save is not None:
-            written.append(result.save(arguments.save, overwrite=arguments.overwrite))
-        written += _write(result, file.output, folder)
-        interrupted = interrupted or pressed()
-        if not (interrupted or arguments.no_pictures):
-            for path in _draw(result, file.output, folder, arguments.snapshot):
-                written.append(path)
-                interrupted = pressed()
-                if interrupted:
-                    print("interrupted: pictures that are not listed here are left out")
-                    break
-    _wrote(written)
-    return INTERRUPTED if interrupted else FINE
+    pictures = () if arguments.no_pictures else _draw(result, file.output, folder, arguments.snapshot)
+    return _write_all(_write(result, file.output, folder, arguments), pictures, interrupted)
 
 
 def _changes(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:
@@ -398,7 +410,6 @@ def _add_respond(commands: Commands) -> None:
 
 
 def _respond(arguments: argparse.Namespace) -> int:
-    from vofem.integrators.observer import deferred_interrupts
     from vofem.io.scene_file import load_scene, point_named
     from vofem.studies.steady import continuation
 
@@ -420,36 +431,29 @@ def _respond(arguments: argparse.Namespace) -> int:
     branch = continuation(
         file.at, arguments.start, arguments.stop, progress=True if sys.stderr.isatty() else None, **options
     )
-    written = []
-    # Ctrl-C waits for the file that is being written, and ends the command then. After an interrupted continuation, the
-    # numbers are written and the pictures are not.
-    with deferred_interrupts() as pressed:
-        written.append(branch.save(saved, overwrite=True))
-        interrupted = branch.interrupted
-        for path in _branch_files(branch, point, folder, file.respond.parameter[0], not arguments.no_pictures):
-            written.append(path)
-            interrupted = interrupted or pressed()
-            if interrupted:
-                print("interrupted: what is not listed here is left out")
-                break
-    _wrote(written)
-    return INTERRUPTED if interrupted else FINE
+    name = file.respond.parameter[0]
+    pictures = () if arguments.no_pictures else _branch_pictures(branch, point, folder, name)
+    return _write_all(_branch_numbers(branch, point, saved, name), pictures, branch.interrupted)
 
 
-def _branch_files(branch: Branch, point: Any, folder: Path, name: str, pictures: bool) -> Iterator[Path]:
-    """Print and write what is shown of a branch, one file after the other; return their paths."""
+def _branch_numbers(branch: Branch, point: Any, saved: Path, name: str) -> Iterator[Path]:
+    """Print what is special of a branch, and write it; return the files one by one."""
     from vofem.io.tables import branch_table, write_branch
 
+    yield branch.save(saved, overwrite=True)
     print(branch_table(branch, point, name))
     for note in branch.notes:
         print(f"note: {note}")
-    yield write_branch(branch, point, folder / "branch.csv", name)
-    if pictures:
-        from vofem.io.plot import multipliers, response_curve
+    yield write_branch(branch, point, saved.with_suffix(".csv"), name)
 
-        yield response_curve(branch, point, folder / "response.png", parameter=name)
-        if all(orbit.multipliers is not None for orbit in branch.orbits):
-            yield multipliers(branch, folder / "multipliers.png")
+
+def _branch_pictures(branch: Branch, point: Any, folder: Path, name: str) -> Iterator[Path]:
+    """Draw a branch; return the files one by one."""
+    from vofem.io.plot import multipliers, response_curve
+
+    yield response_curve(branch, point, folder / "response.png", parameter=name)
+    if any(orbit.multipliers is not None for orbit in branch.orbits):
+        yield multipliers(branch, folder / "multipliers.png")
 
 
 # -- vofem sweep
@@ -495,22 +499,19 @@ def _sweep(arguments: argparse.Namespace) -> int:
         print(f"failed: {one}")
     for note in table.notes:
         print(f"note: {note}")
-    written = [store, write_sweep(table, folder / "sweep.csv")]
-    pressed = False
-    try:
-        if not arguments.no_pictures:
-            from vofem.io.pictures.studies import sweep_curves
+    numbers = (store, write_sweep(table, folder / "sweep.csv"))
+    code = _write_all(numbers, () if arguments.no_pictures else _sweep_pictures(table, folder))
+    return code or (FAULT if len(table.failed) == len(table.points.rows) else FINE)
 
-            written.append(sweep_curves(table, folder / "sweep.png"))
+
+def _sweep_pictures(table: Sweep, folder: Path) -> Iterator[Path]:
+    """Draw a sweep, where it can be drawn."""
+    from vofem.io.pictures.studies import sweep_curves
+
+    try:
+        yield sweep_curves(table, folder / "sweep.png")
     except ArgumentError as error:
         print(f"no picture: {error}")
-    except KeyboardInterrupt:
-        pressed = True
-        print("interrupted: the picture is left out")
-    _wrote(written)
-    if pressed:
-        return INTERRUPTED
-    return FAULT if len(table.failed) == len(table.points.rows) else FINE
 
 
 @contextlib.contextmanager
@@ -587,7 +588,9 @@ def _add_accuracy(commands: Commands) -> None:
     accuracy.add_argument("scene", type=Path, help="scene file, TOML")
     accuracy.add_argument("--output", type=Path, help="folder for what is written (output/NAME of the scene file)")
     accuracy.add_argument("--t-end", type=float, help="in s, instead of the file's")
-    accuracy.add_argument("--tolerance", type=float, default=1e-6, help="of the largest displacement, for the advice")
+    accuracy.add_argument(
+        "--error", type=float, default=1e-6, help="over the largest displacement, for which advice is given (1e-6)"
+    )
     accuracy.add_argument("--methods", nargs="+", metavar="METHOD", help=", ".join(method_names()))
     accuracy.add_argument("--dt", type=float, nargs="+", metavar="DT", help="steps in s")
     accuracy.add_argument("--tol", type=float, nargs="+", default=[], metavar="TOL", help="of methods that follow it")
@@ -616,7 +619,7 @@ def _accuracy(arguments: argparse.Namespace) -> int:
         progress=show_progress if sys.stderr.isatty() else None,
     )  # fmt: skip
     print(study_table(study), end="\n\n")
-    print(study.advice(arguments.tolerance))
+    print(study.advice(arguments.error))
     written = [write_study(study, folder / "accuracy.csv")]
     if study.runs:
         paths = [folder / f"accuracy.{kind}" for kind in ("png", "svg")]

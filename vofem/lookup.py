@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from vofem._validate import name_of, unknown, wrong
 from vofem.assembly import Model
+from vofem.assembly.triplets import stacked
 from vofem.bodies.base import Body, Point, Row
 from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError
@@ -53,12 +52,7 @@ def row_of(bodies: Iterable[Body], point: Any) -> tuple[Body, Row]:
 
 def rows_over(model: Model, bodies: Iterable[Body], points: Iterable[Any]) -> csr_matrix:
     """Return the rows of points over a model's free degrees of freedom, shape (n_points, n)."""
-    from scipy.sparse import csr_matrix
-
     bodies = tuple(bodies)
-    found = [row_of(bodies, point) for point in points]
-    indices = np.concatenate([row.indices + model.offsets[body] for body, row in found])
-    ends = np.cumsum([0, *(row.indices.size for _, row in found)])
-    weights = np.concatenate([row.weights for _, row in found])
-    whole = csr_matrix((weights, indices, ends), shape=(len(found), model.size))
-    return model.unknowns.rows(whole)
+    found = (row_of(bodies, point) for point in points)
+    rows = [Row(row.indices + model.offsets[body], row.weights) for body, row in found]
+    return model.unknowns.rows(stacked(rows, model.size))

@@ -4,45 +4,37 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import Named, name_of, number
+from vofem._validate import number
 from vofem.arrays import Array
 from vofem.assembly import Model
-from vofem.cards import Shown
-from vofem.effects.two_points import units_of
+from vofem.cards import Shown, from_io
 from vofem.errors import ArgumentError
-from vofem.histories import (
-    ContactHistory,
-    Energy,
-    FrictionHistory,
-    Motion,
-    ProbeHistory,
-    Reaction,
-    SpringHistory,
-    Table,
-    joint_force_of,
-    reaction_of,
-)
-from vofem.histories.tables import dataframe_of, dataset_of, events_of, impacts_of, statistics_of
+from vofem.histories import Run, Table
+from vofem.histories.impacts import window_of
+from vofem.histories.table import joined
+from vofem.histories.tables import history_columns, named_points
+from vofem.histories.variables import ENERGIES, histories
 from vofem.initial import StoredState
-from vofem.integrators.base import ContactSamples, ProbeSamples, Sensitivity, Solution, Truncation
+from vofem.integrators.base import ProbeSamples, Sensitivity, Solution, Truncation
 from vofem.integrators.registry import advice
 from vofem.laws import past_of
 from vofem.scene import Scene
-from vofem.system import Counters, State
+from vofem.system import CLOSED, OPEN, PINNED, Counters, State
+
+_STATUS = {OPEN: "opens", CLOSED: "closes", PINNED: "is pinned"}
 
 
-class Result(Shown, Motion):
+class Result(Shown, Run):
     """The outcome of `vofem.simulate`.
 
-    Quantities are computed when they are first read. All arrays over time belong
-    to `times`. Methods with an argument t accept other times within the run too.
-    For ``event_driven`` the values there are exact. For a stepping method they
+    Quantities are computed when they are first read. All arrays over time belong to `times`. Methods with an argument t
+    accept other times within the run too. For ``event_driven`` the values there are exact. For a stepping method they
     are interpolated between neighbouring steps.
 
     Attributes
@@ -109,38 +101,7 @@ class Result(Shown, Motion):
         """Whether the run was ended by Ctrl-C before its end."""
         return any(note.startswith("interrupted at ") for note in self.notes)
 
-    # -- contacts, springs, probes ----------------------------------------------------------------
-
-    @cached_property
-    def contact_samples(self) -> ContactSamples:
-        """Contacts at `times`."""
-        return self.solution.contacts(self.times)
-
-    @cached_property
-    def contacts(self) -> Named[ContactHistory]:
-        """Contact histories by name."""
-        laws = self.model.system.contacts
-        if laws is None:
-            return Named({})
-        effects = self.scene.effects
-        histories = [ContactHistory(self, laws, j, units_of(effects, name)) for j, name in enumerate(laws.names)]
-        return Named({history.name: history for history in histories})
-
-    @cached_property
-    def frictions(self) -> Named[FrictionHistory]:
-        """Histories of sliders by name; empty if the scene has none."""
-        sliders, effects = self.model.system.sliders, self.scene.effects
-        laws = () if sliders is None else sliders.laws
-        return Named(
-            {law.name: FrictionHistory(self, law, j, units_of(effects, law.name)) for j, law in enumerate(laws)},
-            "slider",
-        )
-
-    @cached_property
-    def springs(self) -> Named[SpringHistory]:
-        """Histories of hysteretic springs and springpots by name; empty if the scene has none."""
-        names = [name for group in self.model.system.recorded for name in group.names]
-        return Named({name: SpringHistory(self, j) for j, name in enumerate(names)}, "hysteretic spring")
+    # -- the end of the run, sensitivity, truncation ----------------------------------------------
 
     def spring_state(self, name: str) -> Array | None:
         """Return the internal variables of a hysteretic spring at the last time, or None if there are none."""
@@ -154,62 +115,6 @@ class Result(Shown, Motion):
         known = {name: self.spring_state(name) for group in system.recorded for name in group.names}
         springs = {name: state for name, state in known.items() if state is not None}
         return StoredState(states, springs, system.without_past, "Result")
-
-    @cached_property
-    def probes(self) -> Named[ProbeHistory]:
-        """Histories of the points of ``simulate(..., probes=)``, by name or by point; empty if none were asked for."""
-        record = self.recorded
-        parts = () if record is None else zip(record.names, record.q, record.v, record.a, strict=True)
-        histories = [ProbeHistory(name, record.times, *motion) for name, *motion in parts] if record else []
-        return Named({history.name: history for history in histories}, "probe")
-
-    # -- reactions, energies, sensitivity, truncation ---------------------------------------------
-
-    def reaction(self, body: Any, where: Any, t: ArrayLike | None = None) -> Reaction:
-        """Return the force and the moment of a support on a body at `times`, or at times t.
-
-        They are computed from the equations of motion of the supported degrees of freedom, and include inertia and
-        damping. They are NaN while a spring, dashpot or mass that travels passes the element beside the support.
-
-        Parameters
-        ----------
-        body : Body or str
-            The body, or its name.
-        where : "left", "right" or x
-            The place of a support.
-        """
-        return reaction_of(self, self._body(body), where, t, self._at(t))
-
-    def joint_force(self, joint: Any, t: ArrayLike | None = None) -> Reaction:
-        """Return the force and the moment of a joint on the body of its point a, at `times` or at times t.
-
-        The opposite force and moment act on the body of b.
-
-        Parameters
-        ----------
-        joint : Joint or str
-            The joint, or its name.
-        t : array_like, optional
-            Times in s.
-
-        Returns
-        -------
-        Reaction
-            Force in N, positive upward, and moment in N m, which is zero in a hinge; each (n_times,).
-
-        Raises
-        ------
-        ArgumentError
-            If there is no joint of that name.
-        """
-        return joint_force_of(self, name_of(joint), t, self._at(t))
-
-    @cached_property
-    def energy(self) -> Energy:
-        """Energies at `times`."""
-        parts = self.solution.energies(self.times)
-        start = self.solution.start_energy
-        return Energy(parts.kinetic, parts.strain, parts.contact, parts.dissipated, parts.work, start)
 
     @property
     def sensitivity(self) -> Sensitivity:
@@ -249,7 +154,14 @@ class Result(Shown, Motion):
         ArgumentError
             If an entry of `points` is not a point.
         """
-        return dataframe_of(self, points)
+        import pandas
+
+        columns = history_columns(self, named_points("to_dataframe", self.scene, points))
+        columns |= {f"{name} energy": (getattr(self.energy, name), "J") for name in ENERGIES}
+        values = {f"{name} [{unit}]": part for name, (part, unit) in columns.items()}
+        frame = pandas.DataFrame(values, index=pandas.Index(self.times, name="t [s]"))
+        frame.attrs["notes"] = list(self.notes)
+        return frame
 
     def to_xarray(self, points: Mapping[str, Any] | Iterable[Any] | None = None) -> Any:
         """Return histories as an `xarray.Dataset` over time, point and contact, with units as attributes.
@@ -269,11 +181,21 @@ class Result(Shown, Motion):
         ArgumentError
             If an entry of `points` is not a point.
         """
-        return dataset_of(self, points)
+        import xarray
+
+        found = histories(self, named_points("to_xarray", self.scene, points))
+        variables = {name: (variable.dims, variable.at(), variable.attributes) for name, variable in found.items()}
+        return xarray.Dataset(variables, attrs={"notes": "\n".join(self.notes)})
 
     def contact_events(self) -> Table:
         """Return all contact events in the order of time as a table: time in s, contact, and what it does."""
-        return events_of(self)
+        events, names = self.solution.events, list(self.contacts)
+        columns = {
+            "time": (events.time, "s"),
+            "contact": (np.array([names[k] for k in events.contact], dtype=str), ""),
+            "event": (np.array([_STATUS[int(status)] for status in events.status], dtype=str), ""),
+        }
+        return Table(columns, "Contact events")
 
     def impacts(self, window: ArrayLike | None = None) -> Table:
         """Return the impacts of all contacts in the order of time as a table.
@@ -290,7 +212,13 @@ class Result(Shown, Motion):
         ArgumentError
             If the window does not lie within the run.
         """
-        return impacts_of(self, window)
+        begin, end = window_of("impacts", window, float(self.solution.t_end))
+        table = joined((history.impacts for history in self.contacts.values()), "Impacts")
+        if not table.rows:
+            return table
+        order = np.lexsort((table["contact"], table["closing"]))
+        closing = table["closing"][order]
+        return table.chosen(order[(closing >= begin) & (closing <= end)])
 
     def contact_statistics(self, window: ArrayLike | None = None) -> Table:
         """Return the statistics of all contacts as a table with one contact in each row.
@@ -307,7 +235,9 @@ class Result(Shown, Motion):
         ArgumentError
             If the window does not lie within the run.
         """
-        return statistics_of(self, window)
+        begin, end = window_of("contact_statistics", window, float(self.solution.t_end))
+        found = (history.statistics((begin, end)) for history in self.contacts.values())
+        return joined(found, f"Contacts from {begin:g} to {end:g} s")
 
     # -- frames and files -------------------------------------------------------------------------
 
@@ -332,9 +262,8 @@ class Result(Shown, Motion):
         field data   ``TimeValue`` in s, ``magnification``
         ===========  ==========================================================================
 
-        Every element has its own points, so moments and shear forces jump at nodes
-        and are averaged nowhere. A contact is a line from its point a to the stop,
-        or to its point b.
+        Every element has its own points, so moments and shear forces jump at nodes and are averaged nowhere. A contact
+        is a line from its point a to the stop, or to its point b.
 
         Parameters
         ----------
@@ -359,13 +288,10 @@ class Result(Shown, Motion):
         --------
         ``result.frame(0.5).warp_by_vector("deflection", factor=20).plot(scalars="bending_moment")``
         """
-        # Late, because results know no pictures.
-        from vofem.io.frames import Frames
-
         t, end = number("frame: t", t), self.solution.t_end
         if not 0.0 <= t <= end * (1.0 + 1e-12):
             raise ArgumentError(f"frame: t is {t:g} s, expected a time of the run, 0 to {end:g} s")
-        return Frames(self, magnification, points_per_element).at(min(t, end))
+        return from_io("frames")(self, magnification, points_per_element).at(min(t, end))
 
     def save(
         self,
@@ -387,9 +313,8 @@ class Result(Shown, Motion):
         overwrite : bool
             Whether a file of that name is replaced.
         frames : int or array_like, optional
-            Frames for ParaView: how many of the run's times, or which times in s.
-            The default is all times, but at most 1000. Everything else is stored
-            at all `times`.
+            Frames for ParaView: how many of the run's times, or which times in s. The default is all times, but at most
+            1000. Everything else is stored at all `times`.
         magnification : float
             Factor by which gaps are drawn larger in ParaView. Use the same factor as the scale factor of Warp By
             Vector, so that bodies meet their stops when contacts close. The data themselves are not magnified.
@@ -405,10 +330,6 @@ class Result(Shown, Motion):
             If the suffix is another one, if frames lie outside the run, or if the scene holds
             objects of other packages that cannot be stored.
         OutputError
-            If the file exists and is not to be overwritten, or cannot be
-            written. What was there stays as it was.
+            If the file exists and is not to be overwritten, or cannot be written. What was there stays as it was.
         """
-        # Late, because results know no file format.
-        from vofem.io.storage.run_file import save
-
-        return save(self, path, overwrite=overwrite, frames=frames, magnification=magnification)
+        return Path(from_io("run")(self, path, overwrite=overwrite, frames=frames, magnification=magnification))

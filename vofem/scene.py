@@ -41,15 +41,12 @@ class Scene(Shown):
     bodies : iterable of Beam and Mass
         The bodies.
     effects : iterable of effects
-        Contacts, springs, dashpots, joints, loads, damping. All their points must
-        lie on bodies of the scene.
+        Contacts, springs, dashpots, joints, loads, damping. All their points must lie on bodies of the scene.
     initial : dict or outcome, optional
-        A dict ``{body: (displacement, velocity)}`` with numbers for a mass, and
-        with callables of an array x, or numbers, for a beam. Bodies that are not
-        named start from zero. The outcome of `vofem.equilibrium` or of an earlier
-        run gives the state of all bodies with the same names, or of one body:
-        ``{beam: outcome}``. Hysteretic springs of the same names keep their
-        internal variables. Springpots start without a past.
+        A dict ``{body: (displacement, velocity)}`` with numbers for a mass, and with callables of an array x, or
+        numbers, for a beam. Bodies that are not named start from zero. The outcome of `vofem.equilibrium` or of an
+        earlier run gives the state of all bodies with the same names, or of one body: ``{beam: outcome}``. Hysteretic
+        springs of the same names keep their internal variables. Springpots start without a past.
 
     Raises
     ------
@@ -108,6 +105,13 @@ class Scene(Shown):
         motions = [effect for effect in self.effects if isinstance(effect, BaseMotion)]
         if not motions:
             return
+        on_base = {motion.body: motion for motion in motions}
+        twice = next((motion for motion in motions if on_base[motion.body] is not motion), None)
+        if twice is not None:
+            raise ArgumentError(
+                f"Scene: {twice.describe()}, and {on_base[twice.body].describe()}: supports cannot follow two motions. "
+                "Remove one; a motion that is the sum of two is one BaseMotion, whose acceleration is f + g"
+            )
         for effect in self.effects:
             if isinstance(effect, Contact):
                 offsets(f"Contact {effect.name!r}", effect.bases, [motion.base for motion in motions])

@@ -1,7 +1,6 @@
 """Assembly: the contributions of bodies and effects are gathered into one System.
 
-Effects call the ``add_*`` methods of `SystemBuilder`. Parts that no effect asks
-for are never built.
+Effects call the ``add_*`` methods of `SystemBuilder`. Parts that no effect asks for are never built.
 """
 
 from vofem.assembly.bases import Base

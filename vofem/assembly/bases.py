@@ -36,11 +36,12 @@ def offsets(
     `signs`: bodies whose absolute displacements are meant, with the signs with which they enter.
     Raises `ArgumentError` if the displacement of a base is needed and not known.
     """
-    mine = [[(base, sign) for base in bases if base.body is body] for body, sign in signs]
-    if len(mine) == 2 and [base.motion for base, _ in mine[0]] == [base.motion for base, _ in mine[1]]:
+    base_of = {base.body: base for base in bases}
+    mine = [(base_of[body], sign) for body, sign in signs if body in base_of]
+    if len(mine) == 2 and mine[0][0].motion == mine[1][0].motion:
         return ()
     found = []
-    for base, sign in (pair for part in mine for pair in part):
+    for base, sign in mine:
         if base.displacement is None or base.velocity is None:
             missing = " and ".join(
                 f"{name}=" for name in ("displacement", "velocity") if getattr(base, name) is None

@@ -56,17 +56,12 @@ def strain_rows(
 
 
 def rigid_motions(
-    offsets: dict[Body, int],
-    attached: csr_matrix | None,
-    conditions: csr_matrix | None,
-    supported: IntArray,
-    size: int,
+    offsets: dict[Body, int], attached: csr_matrix | None, conditions: csr_matrix | None, supported: IntArray, size: int
 ) -> Array:
     """Return a basis, shape (N, r), of the rigid motions that supports and joints permit.
 
-    They are found among the rigid motions of the bodies, which is a problem of a
-    few unknowns. With the large matrices a soft body could not be distinguished
-    from a free one.
+    They are found among the rigid motions of the bodies, which is a problem of a few unknowns. With the large matrices
+    a soft body could not be distinguished from a free one.
     """
     blocks: list[tuple[int, Array]] = []
     for body, start in offsets.items():

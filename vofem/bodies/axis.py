@@ -25,8 +25,7 @@ _MOST_ELEMENTS = 10_000_000
 class Axis(Body):
     """The nodes and two-node elements of a beam, in order from the left end.
 
-    Every node has two degrees of freedom, interleaved along the axis: the
-    displacement eta and the slope d(eta)/dx.
+    Every node has two degrees of freedom, interleaved along the axis: the displacement eta and the slope d(eta)/dx.
     """
 
     length: float  #: Length of the axis, m.

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from vofem.bodies.axis import SUPPORTS, Axis, supported_nodes
 from vofem.bodies.base import Array, BodyMatrices, IntArray
 from vofem.bodies.beam_matrices import beam_matrices, beam_strains, consistent_load
-from vofem.bodies.coefficient import Coefficient, basis_for, positive_coefficient, project
+from vofem.bodies.coefficient import Coefficient, positive_coefficient, project
 from vofem.bodies.kinds import Elements, Section, Supports
 from vofem.bodies.mesh import LineMesh
 from vofem.bodies.path import Path, TravellingPoint
@@ -24,7 +24,6 @@ from vofem.sharing import recent
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
-    from skfem import Basis
 
 #: What a coefficient of a beam may be: a number, one for each element or named part, or a callable of x.
 Along = float | ArrayLike | Callable[[Any], Any] | Mapping[str, float]
@@ -36,9 +35,8 @@ __all__ = ["SUPPORTS", "Beam"]
 class Beam(Axis):
     """A straight Euler-Bernoulli beam: ``rhoA eta_tt + (EI eta'')'' - (T eta')' = p``.
 
-    The degrees of freedom of every node are the displacement eta in m, positive
-    upward, and the slope d(eta)/dx. For constant EI and rhoA the element matrices
-    are those of Eq. 19 of the paper, with the slope as the derivative of eta.
+    The degrees of freedom of every node are the displacement eta in m, positive upward, and the slope d(eta)/dx. For
+    constant EI and rhoA the element matrices are those of Eq. 19 of the paper, with the slope as the derivative of eta.
 
     Raises
     ------
@@ -110,17 +108,14 @@ class Beam(Axis):
     ) -> Beam:
         """Return a beam on the nodes of a mesh file.
 
-        The file holds one straight, open chain of two-node lines; the nodes may
-        be in any order. Lines of higher order are refused, because the Hermite
-        element needs end nodes only. The left end is the one with the smaller x;
-        if these are equal, the smaller y, then z. A beam along the x axis keeps
-        the x of the file. For any other direction x is the distance from the
-        left end.
+        The file holds one straight, open chain of two-node lines; the nodes may be in any order. Lines of higher order
+        are refused, because the Hermite element needs end nodes only. The left end is the one with the smaller x; if
+        these are equal, the smaller y, then z. A beam along the x axis keeps the x of the file. For any other direction
+        x is the distance from the left end.
 
-        Names of sets of nodes can be used in `supports` (for all nodes of the set)
-        and in `at` (for a set of one node). Names of sets of elements can be used
-        in dicts for `EI` and `rhoA`, such as ``{"thick": 2.0, "thin": 1.0}``; each
-        element must get one value. "left" and "right" are always the ends.
+        Names of sets of nodes can be used in `supports` (for all nodes of the set) and in `at` (for a set of one node).
+        Names of sets of elements can be used in dicts for `EI` and `rhoA`, such as ``{"thick": 2.0, "thin": 1.0}``;
+        each element must get one value. "left" and "right" are always the ends.
 
         =========  =====================================================================
         file       names come from
@@ -227,14 +222,6 @@ class Beam(Axis):
         rotation[1::2] = 1.0 / self.length
         return np.stack([self.translation(), rotation], axis=1)
 
-    def basis(self, *values: Any) -> Basis:
-        """Return a scikit-fem basis whose quadrature suits coefficients like `values`."""
-        return basis_for(self, *values)
-
-    def at_quadrature(self, what: str, value: Any, basis: Basis, *, positive: bool = True) -> Any:
-        """Return a coefficient at the quadrature points: a number, or values of shape (n_elements, n_points)."""
-        return Coefficient(what, value, self, positive).at_quadrature(basis)
-
     # -- fields -----------------------------------------------------------------------------------
 
     def bending_stiffness(self, x: ArrayLike) -> tuple[Array, Array]:
@@ -248,8 +235,7 @@ class Beam(Axis):
     def interpolate(self, field: Any, what: str) -> Array:
         """Return the degrees of freedom, shape (size,), of an initial field.
 
-        The field is projected in L2 on the supported space, so cubics are
-        reproduced exactly.
+        The field is projected in L2 on the supported space, so cubics are reproduced exactly.
 
         Parameters
         ----------

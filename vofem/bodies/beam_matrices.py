@@ -49,9 +49,8 @@ def beam_matrices(
 def beam_strains(axis: Axis, EI: Coefficient, tension: float) -> csr_matrix:
     """Return rows, shape (n_strains, size), of strains whose squares sum to twice the energy of bending and tension.
 
-    Of an element with constant EI they are the difference of its slopes
-    and its deviation from a parabola, both free of the cancellation in K;
-    tension, not negative, adds slopes at three Gauss points.
+    Of an element with constant EI they are the difference of its slopes and its deviation from a parabola, both free of
+    the cancellation in K; tension, not negative, adds slopes at three Gauss points.
     """
     h = axis.element_lengths
     if callable(EI.value):

@@ -26,13 +26,15 @@ _CONSTANT_ORDER = 6
 
 
 def evaluate_along(what: str, function: Any, x: Array, *, positive: bool = False, negative: bool = True) -> Array:
-    """Return what a callable of x gives at points x, in the shape of x, checked.
+    """Return a number, or what a callable of x gives, checked, at points x, in the shape of x.
 
     `what`: what messages call the coefficient.
     `x`: places on the axis, m.
     `positive`, `negative`: whether values must be positive, and whether they may be negative.
     Raises `ArgumentError` if it is a function of time, fails, or returns what is not allowed.
     """
+    if not callable(function):
+        return np.full(x.shape, function)
     if hasattr(function, "breakpoints"):
         raise ArgumentError(
             f"{what} is {function!r}, a function of time, where a function of x is meant; "
@@ -104,8 +106,7 @@ class Coefficient:
 def positive_coefficient(what: str, value: Any, axis: Axis) -> Coefficient:
     """Return a coefficient that is positive along the axis.
 
-    A callable is tried in the middle of every element; elsewhere it is
-    checked where it is used.
+    A callable is tried in the middle of every element; elsewhere it is checked where it is used.
 
     Raises `ArgumentError` for values that are not positive, or do not fit elements or subdomains.
     """

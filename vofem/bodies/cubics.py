@@ -1,8 +1,7 @@
 """The four Hermite cubics on one element, in element coordinates (Hughes, The Finite Element Method, 1987).
 
-The element coordinate ``xi`` runs from 0 to 1. Slopes are derivatives by the
-physical coordinate, so the slope functions carry the element length. With
-differences of nodal coordinates taken once, nothing here loses digits on a
+The element coordinate ``xi`` runs from 0 to 1. Slopes are derivatives by the physical coordinate, so the slope
+functions carry the element length. With differences of nodal coordinates taken once, nothing here loses digits on a
 short element or far from the origin.
 """
 

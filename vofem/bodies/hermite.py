@@ -1,10 +1,8 @@
 """The Hermite element for scikit-fem, evaluated in element coordinates.
 
-scikit-fem's own `ElementLineHermite` inverts a monomial basis in global
-coordinates, which loses digits with the number of elements and with the
-distance from the origin, and keeps the first mesh's basis when the element is
-used on a second mesh. The element here has the same degrees of freedom,
-``(eta, eta')`` per node, and no state.
+scikit-fem's own `ElementLineHermite` inverts a monomial basis in global coordinates, which loses digits with the number
+of elements and with the distance from the origin, and keeps the first mesh's basis when the element is used on a second
+mesh. The element here has the same degrees of freedom, ``(eta, eta')`` per node, and no state.
 """
 
 from __future__ import annotations
@@ -33,9 +31,7 @@ class HermiteElement(ElementLineHermite):
         xi = np.broadcast_to(X[0], h.shape)
         return (
             DiscreteField(
-                value=hermite(i, xi, h),
-                grad=hermite(i, xi, h, 1)[None],
-                hess=hermite(i, xi, h, 2)[None, None],
+                value=hermite(i, xi, h), grad=hermite(i, xi, h, 1)[None], hess=hermite(i, xi, h, 2)[None, None]
             ),
         )
 

@@ -66,25 +66,13 @@ class Mass(Body, Point):
     #: As a point, a mass lies at x = 0 of itself.
     x = 0.0
 
+    #: One displacement, which has no place along an axis, of a block that moves upward.
+    size, degrees_of_freedom, shape = 1, _FREEDOM, _BLOCK
+
     @property
     def body(self) -> Mass:
         """The mass itself: it is its own point."""
         return self
-
-    @property
-    def size(self) -> int:
-        """One."""
-        return 1
-
-    @property
-    def degrees_of_freedom(self) -> DegreesOfFreedom:
-        """One displacement; a mass has no place along an axis."""
-        return _FREEDOM
-
-    @property
-    def shape(self) -> Shape:
-        """A block that moves upward."""
-        return _BLOCK
 
     def supported_at(self, where: Any) -> IntArray:
         """Raise an error, because a mass has no supports."""

@@ -21,6 +21,7 @@ import numpy as np
 from vofem._validate import HUGE
 from vofem.bodies.base import Array, IntArray
 from vofem.errors import ArgumentError, MeshError
+from vofem.files.whole import path_of
 from vofem.locks import Lock
 
 #: Largest distance of a node from the straight line between the ends, over the length. Single precision suffices.
@@ -62,18 +63,13 @@ class LineMesh:
 
 
 def chain(
-    source: str,
-    coordinates: Array,
-    lines: IntArray,
-    points: Mapping[str, IntArray],
-    subdomains: Mapping[str, IntArray],
+    source: str, coordinates: Array, lines: IntArray, points: Mapping[str, IntArray], subdomains: Mapping[str, IntArray]
 ) -> LineMesh:
     """Put lines in order and measure them.
 
-    The left end is the end with the smaller x; where these agree the smaller
-    y, then z. For an axis along +x the x of the mesh is the x of the beam;
-    for any other, x is the arc length from the left end. Nodes that no line
-    uses do not matter, and lines that are given twice count once.
+    The left end is the end with the smaller x; where these agree the smaller y, then z. For an axis along +x the x of
+    the mesh is the x of the beam; for any other, x is the arc length from the left end. Nodes that no line uses do not
+    matter, and lines that are given twice count once.
 
     `source`: the file, for messages.
     `coordinates` (shape (n_nodes, 3)): coordinates of the nodes, m.
@@ -232,9 +228,7 @@ def read_mesh(path: str | os.PathLike[str]) -> LineMesh:
     `path`: see `vofem.Beam.from_mesh` for what the file may hold.
     Raises `MeshError` if the file is missing, damaged, or no straight chain of two-node lines.
     """
-    if not isinstance(path, (str, os.PathLike)):
-        raise ArgumentError(f"the path of a mesh is {path!r}, expected a string or a path")
-    file = Path(path)
+    file = path_of(path, "a mesh file")
     source = f"mesh file '{file}'"
     mesh = _read(source, file)
     coordinates = _coordinates(source, mesh)
@@ -273,7 +267,7 @@ def _read(source: str, file: Path) -> Any:
     try:
         exists, regular = file.exists(), file.is_file()
         size = file.stat().st_size if regular else 0
-    except (OSError, ValueError) as error:
+    except OSError as error:
         raise MeshError(f"{source} cannot be read: {error}") from error
     if not exists:
         raise MeshError(f"{source} does not exist; relative paths start at '{Path.cwd()}'")
@@ -295,12 +289,7 @@ def _read(source: str, file: Path) -> Any:
     if kind == "gmsh":
         _check_gmsh(source, file)
     printed = io.StringIO()
-    with (
-        _OUTPUT,
-        warnings.catch_warnings(),
-        contextlib.redirect_stdout(printed),
-        contextlib.redirect_stderr(printed),
-    ):
+    with _OUTPUT, warnings.catch_warnings(), contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
         warnings.simplefilter("ignore")
         warnings.filterwarnings("error", message=".*unmatched data.*")  # numpy met text instead of a number
         try:

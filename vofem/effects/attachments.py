@@ -141,17 +141,15 @@ class PointMass(Acting):
 class Joint(Acting):
     """Ties a point of one body to a point of another one.
 
-    The tie is a condition on the degrees of freedom, not a stiff spring: one
-    unknown is eliminated for each condition. The points may lie anywhere on
-    the bodies, also between nodes. `Result.joint_force` returns the force that a
-    joint transmits.
+    The tie is a condition on the degrees of freedom, not a stiff spring: one unknown is eliminated for each condition.
+    The points may lie anywhere on the bodies, also between nodes. `Result.joint_force` returns the force that a joint
+    transmits.
 
     Raises
     ------
     ArgumentError
-        If the points lie on one body, or if one has no rotation and the joint
-        is rigid. When the scene is compiled: if supports and other joints tie
-        the points already.
+        If the points lie on one body, or if one has no rotation and the joint is rigid. When the scene is compiled: if
+        supports and other joints tie the points already.
     """
 
     a: End

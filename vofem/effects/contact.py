@@ -22,9 +22,8 @@ from vofem.parameters.place import Book, Place
 class Resolved:
     """The variable-order switch at a finite scaling factor s0 (Eq. 5), with the time in Eq. 4 set to 1 s.
 
-    The contact stiffness grows over a finite penetration instead of jumping.
-    For ``s > 0`` it is ``K0 / Gamma(1 - beta)`` with ``beta = exp(-s0 s)``; for
-    ``s <= 0`` it is exactly 0.
+    The contact stiffness grows over a finite penetration instead of jumping. For ``s > 0`` it is
+    ``K0 / Gamma(1 - beta)`` with ``beta = exp(-s0 s)``; for ``s <= 0`` it is exactly 0.
     """
 
     s0: Annotated[float, Real("1/m", "Scaling factor; `vofem.fractional.scaling_factor` computes one.", above=0.0)]
@@ -74,13 +73,11 @@ _RESOLVED = OneOf(classes={"resolved": Resolved})
 class Contact(Stop):
     """A contact between two points, or between a point and a stop that is fixed in space.
 
-    Let eta be the displacement of point a, positive upward. The gap function is
-    ``s = u_a - u_b - gap`` between two points, ``s = -eta - gap`` for a stop
-    below, and ``s = eta - gap`` for a stop above. Where the base of a body moves,
+    Let eta be the displacement of point a, positive upward. The gap function is ``s = u_a - u_b - gap`` between two
+    points, ``s = -eta - gap`` for a stop below, and ``s = eta - gap`` for a stop above. Where the base of a body moves,
     eta is counted from the base, or from space for a stop with ``frame="space"``. The contact is closed while
-    ``s > 0``, and s is then the penetration. A closed contact pushes the bodies
-    apart (Eqs. 8-13 and 15-18 of the paper). A contact with a damper opens at
-    zero penetration and not at zero force; its force can therefore be negative
+    ``s > 0``, and s is then the penetration. A closed contact pushes the bodies apart (Eqs. 8-13 and 15-18 of the
+    paper). A contact with a damper opens at zero penetration and not at zero force; its force can therefore be negative
     shortly before it opens.
 
     Raises

@@ -67,8 +67,6 @@ class Foundation(Acting):
 
     def along(self, x: Array) -> Array:
         """Return k in N/m per m at points x, checked."""
-        if not callable(self.stiffness):
-            return np.full(x.shape, self.stiffness)
         return evaluate_along(f"Foundation {self.name!r}: stiffness", self.stiffness, x, negative=False)
 
     def compile(self, builder: SystemBuilder) -> None:

@@ -26,8 +26,7 @@ class LinearSoftening:
     """A secant stiffness that falls linearly with the force, as in Eq. 24, where the span is 4 N.
 
     Beyond the linear limit the secant stiffness is ``K (1 - (|F| - F_Y)/span)``
-    with ``F_Y = K d0``. The curve of force over elongation is then a hyperbola
-    with the asymptote ``F_Y + span``.
+    with ``F_Y = K d0``. The curve of force over elongation is then a hyperbola with the asymptote ``F_Y + span``.
     """
 
     span: Annotated[
@@ -130,13 +129,11 @@ class HystereticSpring(TwoPoints):
     stiffness K. `memory` chooses how earlier loading acts on the spring:
 
     - "printed" is Eqs. 22-25 as they stand. The spring loses its residual
-      elongation as soon as the load rises again: loaded to 7 N and unloaded to
-      3 N, it jumps from 10 m to 3 m at the first step of reloading. The law is
-      driven by the applied force. It therefore holds only for a spring that
-      is the single support of a single loaded mass.
+      elongation as soon as the load rises again: loaded to 7 N and unloaded to 3 N, it jumps from 10 m to 3 m at the
+      first step of reloading. The law is driven by the applied force. It therefore holds only for a spring that is the
+      single support of a single loaded mass.
     - "cyclic" stores the largest force that was reached. Unloading and reloading are
-      elastic up to this force; beyond it the spring follows the backbone.
-      Compression has a largest force of its own.
+      elastic up to this force; beyond it the spring follows the backbone. Compression has a largest force of its own.
 
     Raises
     ------
@@ -217,11 +214,9 @@ class HystereticSpring(TwoPoints):
 class CrushingStop(Stop):
     """A stop behind a gap that yields under force and keeps its residual deformation.
 
-    The approach s is ``u_a - u_b`` between two points, ``-eta`` for a stop below,
-    and ``eta`` for a stop above. The stop pushes back when s exceeds the gap.
-    While it is crushed further than before, its force follows the backbone of
-    `HystereticSpring`. When it unloads and is hit again, it is elastic with
-    `stiffness`. It never pulls.
+    The approach s is ``u_a - u_b`` between two points, ``-eta`` for a stop below, and ``eta`` for a stop above. The
+    stop pushes back when s exceeds the gap. While it is crushed further than before, its force follows the backbone of
+    `HystereticSpring`. When it unloads and is hit again, it is elastic with `stiffness`. It never pulls.
 
     Raises
     ------
@@ -287,10 +282,9 @@ class JenkinsSpring(TwoPoints):
 class IwanSpring(JenkinsSpring):
     """A spring that follows a given curve of first loading, and Masing's rules after every reversal.
 
-    The curve is piecewise linear from the origin through the given points. It is
-    reproduced by parallel Jenkins elements, one for each bend, beside a spring
-    of the last slope. After a reversal the force follows the same curve, doubled
-    in both directions. Closed loops are therefore the same in every cycle.
+    The curve is piecewise linear from the origin through the given points. It is reproduced by parallel Jenkins
+    elements, one for each bend, beside a spring of the last slope. After a reversal the force follows the same curve,
+    doubled in both directions. Closed loops are therefore the same in every cycle.
 
     Raises
     ------

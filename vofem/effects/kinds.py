@@ -176,8 +176,7 @@ OtherEnd = Annotated[Point | None, AtPoint("``beam.at(x)`` or a `Mass`. Without 
 Of = Annotated[
     Literal["displacement", "rotation"],
     Choice(
-        ("displacement", "rotation"),
-        "Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).",
+        ("displacement", "rotation"), "Whether it acts on displacements (m, N) or on rotations of beams (rad, N m)."
     ),
 ]
 

@@ -26,11 +26,10 @@ LinePressure = Callable[[Array], Array]
 def recovered_sections(beam: Beam, x: ArrayLike, q: Array, load: LinePressure) -> tuple[Array, Array]:
     """Return bending moment (N m) and shear force (N) that balance the load within every element.
 
-    The moment of the cubics, ``EI eta''``, is one that no load acts on inside
-    an element. Its linear part gives the forces at the ends of the element;
-    the fixed-end moments and forces of the load are taken from these, and
-    the load is integrated from the left end to x. Where nodal displacements
-    are exact, as in statics with constant EI, so are moment and shear force.
+    The moment of the cubics, ``EI eta''``, is one that no load acts on inside an element. Its linear part gives the
+    forces at the ends of the element; the fixed-end moments and forces of the load are taken from these, and the load
+    is integrated from the left end to x. Where nodal displacements are exact, as in statics with constant EI, so are
+    moment and shear force.
 
     `x` (shape (k,)): in m; at a node the element to its right is taken (the last node: to its left).
     `q` has shape (beam.size, n_times).

@@ -93,8 +93,6 @@ class DistributedLoad(Acting):
 
     def along(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return p in N/m at points x, shape (k,)."""
-        if not callable(self.p):
-            return np.full(x.shape, self.p)
         return evaluate_along(f"a distributed load on {self.beam.label}", self.p, x)
 
     def describe(self) -> str:
@@ -107,9 +105,8 @@ class DistributedLoad(Acting):
 class Gravity(Acting):
     """The weight of everything that has mass, point masses included, acting downward from t = 0 on.
 
-    A scene that starts undeformed is dropped into its own weight: it swings to
-    twice the deflection of the equilibrium. ``initial=vofem.equilibrium(scene)``
-    starts it in equilibrium.
+    A scene that starts undeformed is dropped into its own weight: it swings to twice the deflection of the equilibrium.
+    ``initial=vofem.equilibrium(scene)`` starts it in equilibrium.
     """
 
     symbol = "weight"
@@ -129,11 +126,10 @@ class Gravity(Acting):
 class BaseMotion(Acting):
     """A body whose base accelerates: its supports, its springs to ground and the stops beside it.
 
-    Displacements of the body are then counted from the base. The motion acts
-    as a load ``-M r a(t)``, where r is the unit translation. A spring or a joint
-    between two bodies is refused unless both stand on bases with the same
-    acceleration. A contact between them needs the displacements of both bases,
-    and so does a stop that stays in space (``Contact(..., frame="space")``).
+    Displacements of the body are then counted from the base. The motion acts as a load ``-M r a(t)``, where r is the
+    unit translation. A body has one base, so a second motion of it is refused; add the functions instead. A spring or a
+    joint between two bodies is refused unless both stand on bases with the same acceleration. A contact between them
+    needs the displacements of both bases, and so does a stop that stays in space (``Contact(..., frame="space")``).
     """
 
     body: Annotated[Body, OnBody("The body that stands on the base.")]

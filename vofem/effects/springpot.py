@@ -63,13 +63,11 @@ class Order(Either):
 class Springpot(TwoPoints):
     """A fractional dashpot between two points, or from a point to ground: ``force = coefficient D^order u``.
 
-    Here u is the elongation ``u_a - u_b``, and D^order is Caputo's derivative
-    from t = 0: the past rates of elongation, weighted with
-    ``age^-order/Gamma(1 - order)`` and integrated. Order 1 is a dashpot; as the
-    order tends to 0 the springpot becomes a spring. The structure is taken to
-    have been at rest, in its initial place, before t = 0. An elongation at
-    t = 0 therefore causes no force. Under a constant force a springpot of an
-    order above 0 creeps without end.
+    Here u is the elongation ``u_a - u_b``, and D^order is Caputo's derivative from t = 0: the past rates of elongation,
+    weighted with ``age^-order/Gamma(1 - order)`` and integrated. Order 1 is a dashpot; as the order tends to 0 the
+    springpot becomes a spring. The structure is taken to have been at rest, in its initial place, before t = 0. An
+    elongation at t = 0 therefore causes no force. Under a constant force a springpot of an order above 0 creeps without
+    end.
 
     Raises
     ------
@@ -95,12 +93,8 @@ class Springpot(TwoPoints):
         """Return name, points and numbers."""
         force, coordinate = self.units.force, self.units.coordinate
         if callable(self.order):
-            what = f"{self.coefficient:g} {force} s^order/{coordinate}, order {_shown(self.order)}"
+            law = getattr(self.order, "__name__", type(self.order).__name__)
+            what = f"{self.coefficient:g} {force} s^order/{coordinate}, order {law}"
         else:
             what = f"{self.coefficient:g} {force} s^{self.order:g}/{coordinate}"
         return f"Springpot {self.name!r} from {self._where()}: {what}"
-
-
-def _shown(law: Any) -> str:
-    """Return a law as text; a function is shown by its name."""
-    return str(getattr(law, "__name__", None) or type(law).__name__)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from vofem._version import __version__
 from vofem.errors import StorageError, VofemError
-from vofem.files.whole import impossible, replacing
+from vofem.files.whole import path_of, replacing
 
 #: Object headers of this and later versions carry checksums. VTK and netCDF read them.
 _VERSIONS = ("v108", "v110")
@@ -159,15 +159,10 @@ def reading(path: str | os.PathLike[str], expected: str = "a file that Result.sa
     """Give an HDF5 file that is open for reading; whatever fails in the block becomes a `StorageError`.
 
     `expected`: what messages say was expected.
+    Raises `ArgumentError` if no file can have that name.
     Raises `StorageError` if the file is missing, no HDF5 file, or damaged.
     """
-    try:
-        place = Path(path)
-    except TypeError:
-        raise StorageError(f"path is {path!r}, expected the name of {expected}") from None
-    fault = impossible(place)
-    if fault is not None:
-        raise StorageError(f"path is {str(path)!r}, which {fault}, expected the name of {expected}")
+    place = path_of(path, expected)
     if not place.is_file():
         what = "is no regular file" if place.exists() else "does not exist"
         what = "is a folder" if place.is_dir() else what

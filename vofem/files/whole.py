@@ -23,18 +23,25 @@ _DEVICES = "/dev"
 _UNSUPPORTED = {errno.EPERM, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK, errno.EACCES, errno.ENOSYS}
 
 
-def target(path: str | os.PathLike[str], suffixes: tuple[str, ...]) -> Path:
-    """Return `path` as a Path, or raise `ArgumentError` if its suffix is none of `suffixes`.
-
-    Raises `OutputError` if no file system can have a file of that name.
-    """
+def path_of(path: Any, expected: str = "a file") -> Path:
+    """Return `path` as a Path; raise `ArgumentError`, which says what was `expected`, if no file can have that name."""
     try:
         result = Path(path)
+        os.fsencode(result)
     except TypeError:
-        raise ArgumentError(f"path is {path!r}, expected the name of a file") from None
-    fault = impossible(result)
-    if fault is not None:
-        raise OutputError(f"path is {str(path)!r}, which {fault}; give another name")
+        found = repr(path)
+    except UnicodeEncodeError:
+        found = f"{str(path)!r}, which holds characters that this system cannot write in names"
+    else:
+        if "\0" not in str(result):
+            return result
+        found = f"{str(path)!r}, which holds a NUL character"
+    raise ArgumentError(f"path is {found}, expected the name of {expected}")
+
+
+def target(path: str | os.PathLike[str], suffixes: tuple[str, ...]) -> Path:
+    """Return `path` as a Path, or raise `ArgumentError` if no file can have that name, or its suffix is another one."""
+    result = path_of(path)
     if result.suffix.lower() not in suffixes:
         raise ArgumentError(f"path is {str(path)!r}, expected a name that ends in {one_of(suffixes)}")
     return result
@@ -86,17 +93,6 @@ def documented(function: Callable[..., Any], shared: dict[str, str], returns: st
     errors, notes, more = (raises + rest).partition("\nNotes\n")
     error = "OutputError\n    If the file cannot be written.\n"
     return f"{head}\nReturns\n-------\n{returns}\n\n{errors.rstrip()}\n{error}{notes}{more}"
-
-
-def impossible(path: Path) -> str | None:
-    """Return why no file system can have a file of that name, for a message, or None."""
-    if "\0" in str(path):
-        return "holds a NUL character"
-    try:
-        os.fsencode(path)
-    except UnicodeEncodeError:
-        return "holds characters that this system cannot write in names"
-    return None
 
 
 def refuse_existing(path: Path) -> None:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vofem._validate import number, whole
+from vofem._validate import number, several, whole
 from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.cards import Saved
@@ -38,11 +37,8 @@ _KEPT = 4
 #: Range of further starts around the scene's numbers where there are no bounds.
 _SPREAD = 0.5
 
-#: Fields that cannot be negative, and those that must be positive.
-_LEAST = {
-    "stiffness": 0.0, "damping": 0.0, "mass": 0.0, "EI": 0.0, "rhoA": 0.0, "length": 0.0, "alpha": 0.0, "beta": 0.0,
-    "ratio": 0.0,
-}  # fmt: skip
+#: Fields that stay positive.
+_POSITIVE = {"stiffness", "damping", "mass", "EI", "rhoA", "length", "alpha", "beta", "ratio"}
 
 
 @dataclass(frozen=True)
@@ -96,6 +92,8 @@ class Fit(Saved):
         Sentences that a user should read.
     """
 
+    _saver = "fit"
+
     parameters: tuple[Parameter, ...]
     data: tuple[Data, ...]
     scene: Scene
@@ -134,12 +132,6 @@ class Fit(Saved):
                     names = f"{self.parameters[j].name}, {self.parameters[k].name}"
                     lines.append(f"  correlation of {names}: {share:.3f}")
         return "\n".join([*lines, *self.notes])
-
-    def _writer(self) -> Callable[..., Path]:
-        # Late, because fits know no file format.
-        from vofem.io.storage.fit_file import save
-
-        return save
 
 
 def _outcome(data: tuple[Data, ...], problem: _Problem, starts: tuple[FitStart, ...], solved: _Solved) -> Fit:
@@ -203,12 +195,9 @@ class _Problem:
         self._known: dict[tuple[bytes, float], tuple[Trial, Array]] = {}
 
     def _bounds(self) -> tuple[Array, Array]:
-        low = np.array([parameter.bounds[0] for parameter in self.parameters])
-        high = np.array([parameter.bounds[1] for parameter in self.parameters])
-        for k, parameter in enumerate(self.parameters):
-            least = _LEAST.get(parameter.field)
-            if least is not None:
-                low[k] = max(low[k], 1e-6 * abs(self.first[k]))
+        low, high = np.array([parameter.bounds for parameter in self.parameters]).T
+        positive = np.array([parameter.field in _POSITIVE for parameter in self.parameters])
+        low = np.where(positive, np.maximum(low, 1e-6 * np.abs(self.first)), low)
         outside = (self.first < low) | (self.first > high)
         if np.any(outside):
             k = int(np.argmax(outside))
@@ -331,10 +320,8 @@ def _covariance(solved: _Solved, p: int, known: bool, count: int) -> tuple[Array
         whole = (kept.T @ kept) / np.outer(norms[rest], norms[rest])
         if not known:
             whole = whole * solved.chi2 / max(count - rest.size, 1)
-        places = [(a, k) for a, k in enumerate(rest.tolist()) if k < p and k not in poor]
-        for a, j in places:
-            for b, k in places:
-                covariance[j, k] = whole[a, b]
+        told = np.flatnonzero([k < p and k not in poor for k in rest.tolist()])
+        covariance[np.ix_(rest[told], rest[told])] = whole[np.ix_(told, told)]
     return covariance, sorted(k for k in poor if k < p)
 
 
@@ -387,13 +374,9 @@ def fit(
     """
     as_scene("fit", scene)
     chosen = parameters_of("fit", parameters, scene)
-    several = tuple(data) if isinstance(data, (list, tuple)) else (data,)
-    strange = [one for one in several if not isinstance(one, Data)]
-    if strange or not several:
-        what = f"holds {strange[0]!r}" if strange else "is empty"
-        raise ArgumentError(f"fit: data {what}, expected vofem.Measured or a list of measurements")
+    measured = tuple(several("fit: data", data, Data, "vofem.Measured"))
     starts = whole("fit: starts", starts)
-    problem = _Problem(scene, chosen, several, "event_driven")
+    problem = _Problem(scene, chosen, measured, "event_driven")
     windows = _windows(horizon, problem.end)
     found: list[tuple[FitStart, _Solved]] = []
     failure: VofemError | None = None
@@ -414,7 +397,7 @@ def fit(
     if not found:
         raise ConvergenceError(f"fit: none of {starts} starts led to a solution; the first one ended with: {failure}")
     found.sort(key=lambda pair: pair[0].chi2)
-    return _outcome(several, problem, tuple(start for start, _ in found), found[0][1])
+    return _outcome(measured, problem, tuple(start for start, _ in found), found[0][1])
 
 
 def _windows(horizon: Any, end: float) -> list[float]:

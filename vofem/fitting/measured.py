@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,6 +19,7 @@ from vofem.scene import Scene
 from vofem.sensitivities import EquilibriumSensitivities, Parameter, RunSensitivities, sensitivities
 from vofem.sensitivities.change import FUNCTIONS, INITIAL
 from vofem.sensitivities.system_change import carried
+from vofem.simulate.simulation import simulate
 from vofem.statics import equilibrium
 from vofem.studies.steady import PeriodicOrbit, continuation
 from vofem.time_functions import Sine
@@ -50,24 +52,15 @@ class Trial:
             self._known[key] = compute()
         return self._known[key]
 
-    @property
+    @cached_property
     def run(self) -> Result:
         """The run."""
-        # Late, because measurements of statics and modes need no run.
-        from vofem.simulate.simulation import simulate
+        return simulate(self.scene, float(self._times[-1]), times=self._times, method=self._method, progress=False)
 
-        def compute() -> Result:
-            end = float(self._times[-1])
-            return simulate(self.scene, end, times=self._times, method=self._method, progress=False)
-
-        found: Result = self.once("run", compute)
-        return found
-
-    @property
+    @cached_property
     def derivatives(self) -> RunSensitivities:
         """The derivatives of the run."""
-        found: RunSensitivities = self.once("derivatives", lambda: sensitivities(self.run, self.parameters))
-        return found
+        return sensitivities(self.run, self.parameters)
 
     def point(self, point: Any) -> Any:
         """Return a point of the base scene in the scene with trial values."""
@@ -88,6 +81,8 @@ class Data:
         Times in s of data that belong to a run.
     unit, along : str
         Unit of the values, and what they are drawn over.
+    places : ndarray, shape (n,)
+        Where the values are drawn.
     """
 
     unit: ClassVar[str] = "m"
@@ -96,14 +91,15 @@ class Data:
     noise: Array | None
     offset = False
     times: Array | None = None
+    places: Array
+
+    def _hold(self, values: Array, noise: Any, places: Array | None = None) -> None:
+        """Take values and their noise, drawn over their numbers where no places are given."""
+        self.values, self.noise = values, _noise(type(self).__name__, noise, values.size)
+        self.places = np.arange(1.0, values.size + 1.0) if places is None else places
 
     def __len__(self) -> int:
         return int(self.values.size)
-
-    @property
-    def places(self) -> Array:
-        """Where the values are drawn, shape (n,)."""
-        return np.arange(1.0, len(self) + 1.0)
 
     def describe(self) -> str:
         """Return what was measured."""
@@ -133,13 +129,8 @@ class StoredData(Data):
     times: Array | None
     unit: str  # type: ignore[misc]
     along: str
-    where: Array  #: Where the values are drawn, shape (n,).
+    places: Array
     within: NDArray[np.bool_]  #: Which values the fit has used, shape (n,).
-
-    @property
-    def places(self) -> Array:
-        """Where the values are drawn, shape (n,)."""
-        return self.where
 
     def describe(self) -> str:
         """Return what was measured."""
@@ -197,8 +188,7 @@ class Measured(Data):
         self.times = array("Measured: times", times)
         if self.times.ndim != 1 or not self.times.size or np.any(np.diff(self.times) <= 0.0) or self.times[0] < 0.0:
             raise ArgumentError("Measured: times must be one row of increasing numbers, not negative")
-        self.values = array("Measured: values", values, shape=self.times.shape)
-        self.noise = noise_of("Measured", noise, self.times.size)
+        self._hold(array("Measured: values", values, shape=self.times.shape), noise, self.times)
         self.quantity = choice("Measured: quantity", quantity, tuple(_UNITS))
         self.offset = bool(offset)
 
@@ -206,11 +196,6 @@ class Measured(Data):
     def unit(self) -> str:  # type: ignore[override]
         """Unit of the values."""
         return _UNITS[self.quantity]
-
-    @property
-    def places(self) -> Array:
-        """The times, s."""
-        return self.times
 
     def describe(self) -> str:
         """Return quantity, point and number of values."""
@@ -246,20 +231,15 @@ class MeasuredEvents(Data):
     unit = "s"
 
     def __init__(
-        self,
-        contact: Any,
-        closings: ArrayLike = (),
-        openings: ArrayLike = (),
-        noise: float | ArrayLike | None = None,
+        self, contact: Any, closings: ArrayLike = (), openings: ArrayLike = (), noise: float | ArrayLike | None = None
     ) -> None:
         self.contact = name_of(contact)
         self.closings = np.atleast_1d(array("MeasuredEvents: closings", closings))
         self.openings = np.atleast_1d(array("MeasuredEvents: openings", openings))
-        self.values = np.concatenate([self.closings, self.openings])
+        self._hold(np.concatenate([self.closings, self.openings]), noise)
         if not self.values.size or np.any(np.diff(self.closings) <= 0.0) or np.any(np.diff(self.openings) <= 0.0):
             raise ArgumentError("MeasuredEvents: give increasing times of closings, openings or both")
         self.times = np.sort(self.values)
-        self.noise = noise_of("MeasuredEvents", noise, self.values.size)
 
     def describe(self) -> str:
         """Return contact and numbers of events."""
@@ -303,10 +283,9 @@ class MeasuredFrequencies(Data):
     def __init__(
         self, frequencies: ArrayLike, noise: float | ArrayLike | None = None, *, closed: Sequence[Any] = ()
     ) -> None:
-        self.values = np.atleast_1d(array("MeasuredFrequencies: frequencies", frequencies))
+        self._hold(np.atleast_1d(array("MeasuredFrequencies: frequencies", frequencies)), noise)
         if np.any(self.values <= 0.0) or np.any(np.diff(self.values) <= 0.0):
             raise ArgumentError("MeasuredFrequencies: frequencies must be positive and increasing")
-        self.noise = noise_of("MeasuredFrequencies", noise, self.values.size)
         self.closed = tuple(name_of(one) for one in ((closed,) if isinstance(closed, str) else closed))
 
     def describe(self) -> str:
@@ -355,22 +334,16 @@ class MeasuredStatics(Data):
         offset: bool = False,
     ) -> None:  # fmt: skip
         self.point = as_point("MeasuredStatics: point", point)
-        self.at = np.atleast_1d(array("MeasuredStatics: times", times))
-        self.values = array("MeasuredStatics: values", values, shape=self.at.shape)
-        self.noise = noise_of("MeasuredStatics", noise, self.values.size)
+        at = np.atleast_1d(array("MeasuredStatics: times", times))
+        self._hold(array("MeasuredStatics: values", values, shape=at.shape), noise, at)
         self.offset = bool(offset)
 
     def describe(self) -> str:
         """Return point and number of values."""
         return f"MeasuredStatics of {self.point.describe()}: {len(self)} equilibria"
 
-    @property
-    def places(self) -> Array:
-        """The times, s."""
-        return self.at
-
     def _equilibria(self, trial: Trial) -> Any:
-        return trial.once(self, lambda: [equilibrium(trial.scene, float(t)) for t in self.at])
+        return trial.once(self, lambda: [equilibrium(trial.scene, float(t)) for t in self.places])
 
     def model(self, trial: Trial) -> Array:
         """Return the displacements of a trial."""
@@ -436,8 +409,8 @@ class MeasuredCurve(Data):
         self.frequencies = np.atleast_1d(array("MeasuredCurve: frequencies", frequencies))
         if np.any(self.frequencies <= 0.0) or np.ptp(self.frequencies) == 0.0:
             raise ArgumentError("MeasuredCurve: frequencies must be positive, and at least two of them different")
-        self.values = array("MeasuredCurve: amplitudes", amplitudes, shape=self.frequencies.shape)
-        self.noise = noise_of("MeasuredCurve", noise, self.values.size)
+        values = array("MeasuredCurve: amplitudes", amplitudes, shape=self.frequencies.shape)
+        self._hold(values, noise, self.frequencies)
         self.sheet = choice("MeasuredCurve: sheet", sheet, tuple(_SHEETS))
         self.guess = guess
         low, high = float(self.frequencies.min()), float(self.frequencies.max())
@@ -452,11 +425,6 @@ class MeasuredCurve(Data):
         # The branch begins where the measurement did.
         upward = self.frequencies[0] - low <= high - self.frequencies[0]
         self.span = (low, high) if upward else (high, low)
-
-    @property
-    def places(self) -> Array:
-        """The frequencies, Hz."""
-        return self.frequencies
 
     def describe(self) -> str:
         """Return point, number of values and frequencies."""
@@ -521,7 +489,7 @@ def driven_at(scene: Scene, frequency: float) -> Scene:
 public(Measured, MeasuredCurve, MeasuredEvents, MeasuredFrequencies, MeasuredStatics)
 
 
-def noise_of(what: str, noise: Any, count: int) -> Array | None:
+def _noise(what: str, noise: Any, count: int) -> Array | None:
     """Return standard deviations, shape (count,), or None."""
     if noise is None:
         return None

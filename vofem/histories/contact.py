@@ -11,7 +11,7 @@ from vofem.arrays import Array
 from vofem.effects.two_points import UNITS, Units
 from vofem.fractional.orders import exponential_order
 from vofem.histories.impacts import ContactStatistics, ImpactRecord, Impacts
-from vofem.histories.run import Run
+from vofem.histories.motion import Motion
 from vofem.histories.touches import RESOLVED
 from vofem.integrators.base import ContactSamples
 from vofem.system import CLOSED, PINNED, ContactLaws
@@ -20,9 +20,8 @@ from vofem.system import CLOSED, PINNED, ContactLaws
 class ContactHistory:
     """One contact along a run.
 
-    `closings`, `openings` and `pinned` hold the times of events. `closed`,
-    `stiffness`, `force`, `gap_function` and `order` are histories at the times of
-    the run, each of shape (n_times,). For a contact that acts on rotations read
+    `closings`, `openings` and `pinned` hold the times of events. `closed`, `stiffness`, `force`, `gap_function` and
+    `order` are histories at the times of the run, each of shape (n_times,). For a contact that acts on rotations read
     rad for m, and N m for N.
 
     Attributes
@@ -32,7 +31,7 @@ class ContactHistory:
         Units of force, stiffness and impulse.
     """
 
-    def __init__(self, run: Run, laws: ContactLaws, index: int, units: Units = UNITS["displacement"]) -> None:
+    def __init__(self, run: Motion, laws: ContactLaws, index: int, units: Units = UNITS["displacement"]) -> None:
         self._run = run
         self._laws = laws
         self._index = index

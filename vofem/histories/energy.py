@@ -31,9 +31,8 @@ class Energy:
     `total` is the sum of the first three. `balance` is the energy that is missing,
     and `balance_error` is its largest magnitude divided by the largest energy.
 
-    Between the steps of a stepping method states are interpolated, and the
-    balance there contains the error of the interpolation. To see the balance of
-    the method itself, give `times` that lie on steps, or none. Steps that follow
+    Between the steps of a stepping method states are interpolated, and the balance there contains the error of the
+    interpolation. To see the balance of the method itself, give `times` that lie on steps, or none. Steps that follow
     ``tol=`` have times of their own.
     """
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.effects.two_points import UNITS, Units
-from vofem.histories.run import Run
+from vofem.histories.motion import Motion
 from vofem.laws import FrictionLaw
 
 
@@ -27,20 +27,17 @@ class FrictionHistory:
         Units of force and slip.
     """
 
-    def __init__(self, run: Run, law: FrictionLaw, index: int, units: Units = UNITS["displacement"]) -> None:
+    def __init__(self, run: Motion, law: FrictionLaw, index: int, units: Units = UNITS["displacement"]) -> None:
         self._run, self._law, self._index = run, law, index
         self.name, self.units = law.name, units
 
     def __repr__(self) -> str:
         return f"FrictionHistory({self.name!r}, {self.stops.size} stops, {self.breaks.size} breaks)"
 
-    @property
-    def _solution(self) -> Any:
-        return self._run.solution
-
     @cached_property
     def _samples(self) -> Any:
-        return self._solution.friction(self._run.times)
+        solution: Any = self._run.solution
+        return solution.friction(self._run.times)
 
     @property
     def force(self) -> Array:
@@ -50,7 +47,7 @@ class FrictionHistory:
     @property
     def slip_speed(self) -> Array:
         """Speed of a relative to b, or to the belt, m/s; behind a spring the slider's own. It is 0 while it sticks."""
-        return np.asarray(self._samples.slip_speed[self._index])
+        return np.where(self.status == 0, 0.0, self._samples.slip_speed[self._index])
 
     @property
     def status(self) -> NDArray[np.int64]:
@@ -71,7 +68,8 @@ class FrictionHistory:
 
     @cached_property
     def _transitions(self) -> tuple[Array, Array]:
-        found: tuple[Array, Array] = self._solution.transitions(self._index)
+        solution: Any = self._run.solution
+        found: tuple[Array, Array] = solution.transitions(self._index)
         return found
 
     @property

@@ -12,7 +12,7 @@ from vofem._validate import array
 from vofem.arrays import Array, IntArray
 from vofem.effects.two_points import Units
 from vofem.errors import ArgumentError
-from vofem.histories.run import Run
+from vofem.histories.motion import Motion
 from vofem.histories.table import Column, Table, Tabled, tabled
 from vofem.histories.touches import RESOLVED, Parts, Span, Touches, resolve, spans_of
 from vofem.system import OPEN, ContactLaws
@@ -150,8 +150,7 @@ class ContactStatistics(Tabled):
     work_rate: Annotated[float, Column("W", "`work` divided by the length of the window.")]
     work_per_impact: Annotated[float, Column("J", "`work` divided by `count`.")]
     absorbed: Annotated[
-        float,
-        Column("J", "Energy that the contact takes for good in the window, without what it stores at its ends."),
+        float, Column("J", "Energy that the contact takes for good in the window, without what it stores at its ends.")
     ]
     absorbed_rate: Annotated[float, Column("W", "`absorbed` divided by the length of the window.")]
     error: Annotated[float, Column(None, "Estimated relative error; see `Impacts`.")]
@@ -174,7 +173,7 @@ class ImpactRecord:
     """
 
     def __init__(
-        self, run: Run, laws: ContactLaws, index: int, units: Units, most: int | None = None,
+        self, run: Motion, laws: ContactLaws, index: int, units: Units, most: int | None = None,
         tolerance: float = RESOLVED,
     ) -> None:  # fmt: skip
         self._run, self._laws, self._index, self._units = run, laws, index, units

@@ -15,7 +15,7 @@ from vofem.bodies.base import Body
 from vofem.bodies.beam import Beam
 from vofem.effects.line_loads import balanced_sections
 from vofem.errors import ArgumentError
-from vofem.integrators.base import Sampled, Solution
+from vofem.integrators.base import ContactSamples, Sampled, Solution
 from vofem.lookup import body_named, row_of, the_beam
 from vofem.scene import Scene
 
@@ -46,6 +46,11 @@ class Motion:
     def samples(self) -> Sampled:
         """Free degrees of freedom at `times`: q, v, a of shape (n, n_times)."""
         return self.solution.sample(self.times)
+
+    @cached_property
+    def contact_samples(self) -> ContactSamples:
+        """Contacts at `times`."""
+        return self.solution.contacts(self.times)
 
     def _at(self, t: ArrayLike | None) -> Sampled:
         if t is None:
@@ -146,14 +151,11 @@ class Motion:
         x, t, body
             As for `deflection`.
         recovered : bool
-            With False, the default, the moment is that of the cubics. In an
-            element of length h under a distributed load q, weight and inertia
-            included, its error is up to ``q h^2/12``. With True the moment is
-            computed from the forces at the ends of each element, such that it
-            balances distributed loads, weight, inertia, foundations and tension.
-            It converges with the fourth power of h if the motion is smooth.
-            It contains accelerations, which jump at starts and impacts. Damping
-            forces inside elements are left out.
+            With False, the default, the moment is that of the cubics. In an element of length h under a distributed
+            load q, weight and inertia included, its error is up to ``q h^2/12``. With True the moment is computed from
+            the forces at the ends of each element, such that it balances distributed loads, weight, inertia,
+            foundations and tension. It converges with the fourth power of h if the motion is smooth. It contains
+            accelerations, which jump at starts and impacts. Damping forces inside elements are left out.
         """
         beam = self._beam(body)
         if recovered:
@@ -165,9 +167,8 @@ class Motion:
     ) -> Array:
         """Return ``V = (EI eta'')'`` in N, shape (len(x), len(t)); constant within an element where EI is.
 
-        It is the mean of the shear force over the element. Under a distributed
-        load q its error is up to ``q h/2`` at the ends of an element of length h.
-        With ``recovered=True`` it balances the load, as in `bending_moment`. At a
+        It is the mean of the shear force over the element. Under a distributed load q its error is up to ``q h/2`` at
+        the ends of an element of length h. With ``recovered=True`` it balances the load, as in `bending_moment`. At a
         support, `reaction` is exact.
         """
         beam = self._beam(body)

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 
 from vofem.arrays import Array
-from vofem.histories.run import Run
+from vofem.histories.motion import Motion
 from vofem.histories.table import Table
 from vofem.integrators.base import SpringSamples
 
@@ -26,12 +26,11 @@ class SpringHistory:
         Recoverable energy in J. A springpot consists of springs and dashpots in
         series; the energy is that of the springs.
     dissipated : ndarray
-        Energy dissipated since t = 0 in J, which is the area of the loops. For a
-        springpot whose order varies it is the absorbed work minus `stored`, which
-        may fall.
+        Energy dissipated since t = 0 in J, which is the area of the loops. For a springpot whose order varies it is the
+        absorbed work minus `stored`, which may fall.
     """
 
-    def __init__(self, run: Run, index: int) -> None:
+    def __init__(self, run: Motion, index: int) -> None:
         self._run, self._index = run, index
         self.name = [name for group in run.model.system.recorded for name in group.names][index]
 

@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from vofem.bodies.base import Point, as_point
 from vofem.bodies.path import TravellingPoint
-from vofem.histories.impacts import window_of
-from vofem.histories.table import Table, joined
-from vofem.histories.variables import ENERGIES, Tabulated, histories, motion_and_contacts
+from vofem.histories.run import Run
+from vofem.histories.variables import motion_and_contacts
 from vofem.scene import Scene
-from vofem.system import CLOSED, OPEN, PINNED
 
 #: Points that are chosen where none are named.
 MOST = 6
@@ -25,8 +22,6 @@ _COLUMNS = {
     "contact": ("contact_force", "contact_stiffness"),
     "friction": ("friction_force", "friction_slip_speed"),
 }
-
-_STATUS = {OPEN: "opens", CLOSED: "closes", PINNED: "is pinned"}
 
 
 def points_of_interest(scene: Scene) -> tuple[Any, ...]:
@@ -58,7 +53,7 @@ def named_points(what: str, scene: Scene, points: Mapping[str, Any] | Iterable[A
     return {found.name: found for found in (as_point(f"{what}: a point", point) for point in listed)}
 
 
-def history_columns(run: Tabulated, points: dict[str, Any]) -> dict[str, tuple[NDArray, str]]:
+def history_columns(run: Run, points: dict[str, Any]) -> dict[str, tuple[NDArray, str]]:
     """Return values and units at the times of a run, of `histories`.
 
     These are the motion of points, force and K_eq of contacts, and force and slip speed of sliders.
@@ -71,55 +66,3 @@ def history_columns(run: Tabulated, points: dict[str, Any]) -> dict[str, tuple[N
             for name, block in values.items():
                 columns[f"{label} {name.removeprefix(f'{over}_').replace('_', ' ')}"] = block[:, k], found[name].unit(k)
     return columns
-
-
-def dataframe_of(run: Tabulated, points: Any) -> Any:
-    """Return histories as a `pandas.DataFrame`; see `vofem.Result.to_dataframe`."""
-    import pandas
-
-    columns = history_columns(run, named_points("to_dataframe", run.scene, points))
-    for name in ENERGIES:
-        columns[f"{name} energy"] = getattr(run.energy, name), "J"
-    values = {f"{name} [{unit}]": part for name, (part, unit) in columns.items()}
-    frame = pandas.DataFrame(values, index=pandas.Index(run.times, name="t [s]"))
-    frame.attrs["notes"] = list(run.solution.notes)
-    return frame
-
-
-def dataset_of(run: Tabulated, points: Any) -> Any:
-    """Return histories as an `xarray.Dataset`; see `vofem.Result.to_xarray`."""
-    import xarray
-
-    found = histories(run, named_points("to_xarray", run.scene, points))
-    variables = {name: (variable.dims, variable.at(), variable.attributes) for name, variable in found.items()}
-    return xarray.Dataset(variables, attrs={"notes": "\n".join(run.solution.notes)})
-
-
-def events_of(run: Tabulated) -> Table:
-    """Return all contact events in the order of time; see `vofem.Result.contact_events`."""
-    events = run.solution.events
-    names = list(run.contacts)
-    columns = {
-        "time": (events.time, "s"),
-        "contact": (np.array([names[k] for k in events.contact], dtype=str), ""),
-        "event": (np.array([_STATUS[int(status)] for status in events.status], dtype=str), ""),
-    }
-    return Table(columns, "Contact events")
-
-
-def impacts_of(run: Tabulated, window: ArrayLike | None) -> Table:
-    """Return the impacts of all contacts in the order of time; see `vofem.Result.impacts`."""
-    begin, end = window_of("impacts", window, float(run.solution.t_end))
-    table = joined((history.impacts for history in run.contacts.values()), "Impacts")
-    if not table.rows:
-        return table
-    order = np.lexsort((table["contact"], table["closing"]))
-    closing = table["closing"][order]
-    return table.chosen(order[(closing >= begin) & (closing <= end)])
-
-
-def statistics_of(run: Tabulated, window: ArrayLike | None) -> Table:
-    """Return the statistics of all contacts, one a row; see `vofem.Result.contact_statistics`."""
-    begin, end = window_of("contact_statistics", window, float(run.solution.t_end))
-    found = (history.statistics((begin, end)) for history in run.contacts.values())
-    return joined(found, f"Contacts from {begin:g} to {end:g} s")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vofem.arrays import Array, IntArray
 from vofem.errors import ArgumentError
-from vofem.histories.run import Run
+from vofem.histories.motion import Motion
 from vofem.integrators.base import status_at
 from vofem.system import OPEN, PINNED, ContactLaws
 
@@ -47,7 +47,7 @@ class Span:
     ended: NDArray[np.bool_]  #: False where the run ends first, shape (k,).
 
 
-def spans_of(run: Run, index: int) -> Span:
+def spans_of(run: Motion, index: int) -> Span:
     """Return when a contact, known by its number, is in touch."""
     events, t_end = run.solution.events, run.solution.t_end
     mine = (events.contact == index) & (events.time <= t_end)
@@ -75,7 +75,6 @@ class Parts:
 class Integrals:
     """Integrals over parts, each of shape (k,)."""
 
-    time: Array  #: Time, s.
     #: `force`, `square`: integrals of the force, N s, and of its square, N^2 s.
     force: Array
     square: Array
@@ -134,7 +133,7 @@ class Touches:
         if self.stiffness is not None:
             work = self._stored(parts)
         inwards = rate[_SMOOTH // 2] > 0.0
-        return Integrals(2.0 * half, impulse, square, work, np.where(inwards, work, 0.0))
+        return Integrals(impulse, square, work, np.where(inwards, work, 0.0))
 
     def _stored(self, parts: Parts) -> Array:
         """Return by how much the energy of an elastic contact grows over each part, J.
@@ -153,23 +152,27 @@ class Touches:
 
     def peaks(self, parts: Parts) -> tuple[Array, Array]:
         """Return the force of largest magnitude within each part in N, and the time in s at which it is reached."""
-        low, high = parts.low, parts.high
         coefficients = self.force[:, parts.panel]
-        fractions = np.linspace(0.0, 1.0, _LOOKS)[:, None]
-        found, place = np.zeros(low.size), low
-        columns = np.arange(low.size)
-        for _ in range(_ROUNDS):
-            x = low + (high - low) * fractions
+        ends = np.stack([parts.low, parts.high])
+        values = _values(coefficients, ends)
+        best, every = np.argmax(np.abs(values), axis=0), np.arange(parts.low.size)
+        found, place = values[best, every], ends[best, every]
+        # The force of a spring grows or falls throughout a part.
+        elastic = self.stiffness is not None and np.any(self.rate[:, parts.panel] != 0.0, axis=0)
+        left = np.flatnonzero(~np.broadcast_to(elastic, every.shape))
+        low, high, coefficients, columns = parts.low[left], parts.high[left], coefficients[:, left], every[: left.size]
+        for _ in range(_ROUNDS if left.size else 0):
+            x = low + (high - low) * np.linspace(0.0, 1.0, _LOOKS)[:, None]
             values = _values(coefficients, x)
             best = np.argmax(np.abs(values), axis=0)
-            found, place = values[best, columns], x[best, columns]
+            found[left], place[left] = values[best, columns], x[best, columns]
             low, high = x[np.maximum(best - 1, 0), columns], x[np.minimum(best + 1, _LOOKS - 1), columns]
         begin, end = self.begin[parts.panel], self.end[parts.panel]
         return np.asarray(found, dtype=float), begin + 0.5 * (1.0 + place) * (end - begin)
 
 
 def resolve(
-    run: Run, laws: ContactLaws, index: int, begin: Array, end: Array, tolerance: float = RESOLVED
+    run: Motion, laws: ContactLaws, index: int, begin: Array, end: Array, tolerance: float = RESOLVED
 ) -> Touches | None:
     """Return force and rate of a contact over stretches of time in touch; None where the run does not know them.
 
@@ -196,7 +199,7 @@ def resolve(
 class _Sampler:
     """Force of a contact and, where wanted, its rate at any times, in blocks that a bounded memory holds."""
 
-    def __init__(self, run: Run, laws: ContactLaws, index: int, *, rates: bool) -> None:
+    def __init__(self, run: Motion, laws: ContactLaws, index: int, *, rates: bool) -> None:
         self._solution, self._laws, self._index, self._rates = run.solution, laws, index, rates
         self._block = max(64, _NUMBERS // max(1, run.model.system.size + len(laws)))
 
@@ -218,7 +221,7 @@ class _Sampler:
         return force, rate
 
 
-def _smooth_pieces(run: Run, begin: Array, end: Array) -> tuple[IntArray, Array, Array]:
+def _smooth_pieces(run: Motion, begin: Array, end: Array) -> tuple[IntArray, Array, Array]:
     """Return stretches cut where the motion is not smooth: the stretch of each piece, and its ends in s."""
     solution = run.solution
     kinks = [np.asarray(solution.events.time, dtype=float)]
@@ -249,7 +252,7 @@ def _fit(motion: _Sampler, low: Array, high: Array, count: int) -> tuple[Array, 
     return matrix @ force, matrix @ rate
 
 
-def _with_rates(found: Touches, run: Run, stiffness: float, index: int) -> Touches:
+def _with_rates(found: Touches, run: Motion, stiffness: float, index: int) -> Touches:
     """Return an undamped contact with the rates that follow from its force; a pinned contact does not move."""
     rate = np.zeros_like(found.force)
     rate[:-1] = np.polynomial.chebyshev.chebder(found.force) * (2.0 / (stiffness * (found.end - found.begin)))

@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.arrays import Array
 from vofem.bodies.base import Body
 from vofem.effects.two_points import units_of
-from vofem.histories.contact import ContactHistory
-from vofem.histories.energy import Energy
-from vofem.histories.friction import FrictionHistory
-from vofem.histories.reaction import Reaction
 from vofem.histories.run import Run
-from vofem.histories.spring import SpringHistory
-from vofem.integrators.base import ProbeSamples
 from vofem.lookup import rows_over
-from vofem.scene import Scene
 from vofem.system import CLOSED
 
 #: All rows of a variable.
@@ -30,41 +22,6 @@ ALL = slice(None)
 MOTION = (("displacement", "q", "m"), ("velocity", "v", "m/s"), ("acceleration", "a", "m/s^2"))
 
 ENERGIES = ("kinetic", "strain", "contact", "dissipated", "work")
-
-
-class Tabulated(Run, Protocol):
-    """A run as its tables see it."""
-
-    scene: Scene
-
-    @property
-    def contacts(self) -> Mapping[str, ContactHistory]:
-        """Contact histories by name."""
-
-    @property
-    def springs(self) -> Mapping[str, SpringHistory]:
-        """Histories of hysteretic springs by name."""
-
-    @property
-    def frictions(self) -> Mapping[str, FrictionHistory]:
-        """Histories of sliders by name."""
-
-    @property
-    def recorded(self) -> ProbeSamples | None:
-        """Motion of the points that were recorded at every step."""
-
-    @property
-    def energy(self) -> Energy:
-        """Energies at the run's times."""
-
-    def reaction(self, body: Any, where: Any, t: Any = None) -> Reaction:
-        """Return the force and the moment of a support, each (n_times,)."""
-
-    def displacement(self, point: Any, t: Any = None) -> Array:
-        """Return the displacement of a point in m, shape (n_times,) or (len(t),)."""
-
-    def velocity(self, point: Any, t: Any = None) -> Array:
-        """Return the velocity of a point in m/s, shape (n_times,) or (len(t),)."""
 
 
 @dataclass(frozen=True)
@@ -85,13 +42,13 @@ class Variable:
         return self.source(rows) if callable(self.source) else self.source[rows]
 
 
-def motion_and_contacts(run: Tabulated, points: dict[str, Any]) -> dict[str, Variable]:
+def motion_and_contacts(run: Run, points: dict[str, Any]) -> dict[str, Variable]:
     """Return the motion of some points and the histories of contacts and of sliders."""
     found = (_motion(run, points) if points else {}) | (_contacts(run) if run.contacts else {})
     return found | (_frictions(run) if run.frictions else {})
 
 
-def histories(run: Tabulated, points: dict[str, Any]) -> dict[str, Variable]:
+def histories(run: Run, points: dict[str, Any]) -> dict[str, Variable]:
     """Return everything along a run, with the motion of some points, by the names of xarray and of files."""
     events = run.solution.events
     found = {"time": Variable(("time",), run.times, {"units": "s", "long_name": "time"})}
@@ -109,7 +66,7 @@ def histories(run: Tabulated, points: dict[str, Any]) -> dict[str, Variable]:
     return found | _reactions(run) | _recorded(run)
 
 
-def _motion(run: Tabulated, points: dict[str, Any]) -> dict[str, Variable]:
+def _motion(run: Run, points: dict[str, Any]) -> dict[str, Variable]:
     rows = rows_over(run.model, run.scene.bodies, points.values())
     found = {"point": Variable(("point",), np.array(list(points)))}
     for name, of, unit in MOTION:
@@ -117,7 +74,7 @@ def _motion(run: Tabulated, points: dict[str, Any]) -> dict[str, Variable]:
     return found
 
 
-def _moved(run: Tabulated, points: dict[str, Any], rows: Any, name: str, of: str) -> Callable[[slice], NDArray]:
+def _moved(run: Run, points: dict[str, Any], rows: Any, name: str, of: str) -> Callable[[slice], NDArray]:
     def at(part: slice) -> NDArray:
         if part == ALL:
             # The run computes what these points need only.
@@ -127,7 +84,7 @@ def _moved(run: Tabulated, points: dict[str, Any], rows: Any, name: str, of: str
     return at
 
 
-def _contacts(run: Tabulated) -> dict[str, Variable]:
+def _contacts(run: Run) -> dict[str, Variable]:
     samples, laws = run.contact_samples, run.model.system.contacts
     assert laws is not None
     units = [units_of(run.scene.effects, name) for name in run.contacts]
@@ -160,7 +117,7 @@ def _contacts(run: Tabulated) -> dict[str, Variable]:
     }
 
 
-def _frictions(run: Tabulated) -> dict[str, Variable]:
+def _frictions(run: Run) -> dict[str, Variable]:
     sliders = list(run.frictions.values())
     forces, speeds = [one.units.force for one in sliders], [f"{one.units.coordinate}/s" for one in sliders]
     status = {"long_name": "0 sticks, 1 slides with a positive slip speed, -1 with a negative one"}
@@ -176,7 +133,7 @@ def _frictions(run: Tabulated) -> dict[str, Variable]:
     return found
 
 
-def _springs(run: Tabulated) -> dict[str, Variable]:
+def _springs(run: Run) -> dict[str, Variable]:
     springs = list(run.springs.values())
     units = [units_of(run.scene.effects, spring.name) for spring in springs]
     found = {
@@ -194,7 +151,7 @@ def _springs(run: Tabulated) -> dict[str, Variable]:
     return found
 
 
-def _reactions(run: Tabulated) -> dict[str, Variable]:
+def _reactions(run: Run) -> dict[str, Variable]:
     held = [(body, x) for body in run.scene.bodies for x in _supported_places(body)]
     if not held:
         return {}
@@ -213,7 +170,7 @@ def _supported_places(body: Body) -> list[float]:
     return [float(place) for place in np.unique(x[~np.isnan(x)])]
 
 
-def _recorded(run: Tabulated) -> dict[str, Variable]:
+def _recorded(run: Run) -> dict[str, Variable]:
     """Return what was recorded at every step, which has times of its own."""
     record = run.recorded
     if record is None:

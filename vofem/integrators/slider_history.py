@@ -37,7 +37,7 @@ class SliderHistory:
         step = np.clip(np.searchsorted(self.times * (1.0 + 1e-12), times), 0, self.times.size - 1)
         force, speed, entered, dissipated, normal, stored = self.log[step].transpose(1, 2, 0)
         status = entered.astype(np.int64)
-        speed = np.where(rigid[:, None], np.where(status == 0, 0.0, slip), speed)
+        speed = np.where(rigid[:, None], slip, speed)
         return SliderSamples(force, speed, status, dissipated, normal, stored)
 
     def stored(self, times: Array) -> Array:

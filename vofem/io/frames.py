@@ -1,24 +1,22 @@
 """Frames of a run: points and cells in space, and the fields on them at some times, as ParaView and pyvista show them.
 
-The x axis runs along the beams, and y points upward like the displacement. Every
-body has a plane of its own, whose z is its number in the scene times a spacing.
-Bodies are thus separate in space and coincide in the side view. If an effect
-connects a body with one that is already placed, the two points get the same x,
-and b is placed above a by the gap. In the side view they touch when the gap
-closes. Bodies that are tied by a joint share a plane.
+The x axis runs along the beams, and y points upward like the displacement. Every body has a plane of its own, whose z
+is its number in the scene times a spacing. Bodies are thus separate in space and coincide in the side view. If an
+effect connects a body with one that is already placed, the two points get the same x, and b is placed above a by the
+gap. In the side view they touch when the gap closes. Bodies that are tied by a joint share a plane.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
 
 from vofem._validate import number
 from vofem.arrays import Array, IntArray
+from vofem.assembly.triplets import stacked
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Row
 from vofem.bodies.cubics import hermite, rows_on_elements
@@ -113,7 +111,7 @@ class Frames:
                 stops.append((k, contact, at + gap * up, _STOP * size * np.array([up[1], -up[0], 0.0])))
             connect(np.stack(ends, axis=1), CONTACT, contact.a.body, contact=k)
         for body, listed in feet.items():
-            matrix = _gathered([row for _, row in listed], body.size)
+            matrix = stacked([row for _, row in listed], body.size)
             self._parts.append((np.concatenate([points for points, _ in listed]), body, {"eta": matrix}))
         for k, contact, at, across in stops:
             connect(add(np.stack([at - across, at + across]))[None, :], STOP, contact.a.body, contact=k)
@@ -180,13 +178,6 @@ class Frames:
     def at(self, t: float) -> Any:
         """Return the frame at time t in s."""
         return next(self.over(np.array([t])))
-
-
-def _gathered(rows: Sequence[Row], size: int) -> csr_matrix:
-    """Return rows as a matrix, shape (n_rows, size)."""
-    ends = np.cumsum([0, *(row.indices.size for row in rows)])
-    weights, indices = (np.concatenate([getattr(row, name) for row in rows]) for name in ("weights", "indices"))
-    return csr_matrix((weights, indices, ends), shape=(len(rows), size))
 
 
 def _of_beam(beam: Beam, per_element: int) -> tuple[Array, dict[str, Any]]:

@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,13 +146,6 @@ _DPI = 100.0
 _SHADE, _LINE, _DOT = "#c9ccd2", "#16181d", "#e07b21"
 
 
-class View(Protocol):
-    """A picture for each of some times."""
-
-    def frames(self) -> Iterator[Frame]:
-        """Yield the pictures in order, each of shape (height, width, 3)."""
-
-
 class SideView:
     """Side views of a scene.
 
@@ -250,6 +243,9 @@ class AxesView:
             self._axes.draw_artist(self._dot)
             yield np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
 
+
+#: A picture for each of some times.
+View = SideView | SpaceView | AxesView
 
 #: Largest displacement that is shown, over the length of the scene.
 _SHARE = 0.05

@@ -25,10 +25,9 @@ def render(
 ) -> None:
     """Draw the side view of a scene at time t.
 
-    Beams are coloured by their bending moment, which is also drawn above
-    them on the side in tension; closed contacts carry their force. Colours and
-    magnification are those of the whole run, so that pictures of one run at
-    several times can be compared.
+    Beams are coloured by their bending moment, which is also drawn above them on the side in tension; closed contacts
+    carry their force. Colours and magnification are those of the whole run, so that pictures of one run at several
+    times can be compared.
 
     Parameters
     ----------

@@ -17,24 +17,20 @@ if TYPE_CHECKING:
 def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
     """Read a file that `Result.save`, `Branch.save`, `Locus.save`, `Fit.save` or `vofem.sweep` has written.
 
-    Every quantity at `times` is the same as before, to the last bit. For an
-    event-driven run this also holds at other times, on a machine with the same
-    libraries. Points are found by the name of their body and x, so points of the
+    Every quantity at `times` is the same as before, to the last bit. For an event-driven run this also holds at other
+    times, on a machine with the same libraries. Points are found by the name of their body and x, so points of the
     original bodies can be used.
 
-    A file cannot hold Python functions. If the scene contained some, the file
-    holds the values that the run needed of them. Whatever needs another value
-    raises `MissingCallableError`, which names the function. Bodies and effects of
-    classes that you have written are not in the file. Give the scene again to load
-    such a run.
+    A file cannot hold Python functions. If the scene contained some, the file holds the values that the run needed of
+    them. Whatever needs another value raises `MissingCallableError`, which names the function. Bodies and effects of
+    classes that you have written are not in the file. Give the scene again to load such a run.
 
     Parameters
     ----------
     path : path
         Name of the file.
     scene : Scene, optional
-        The scene of the run or of the fit, made again in Python. It takes the place of
-        the scene in the file.
+        The scene of the run or of the fit, made again in Python. It takes the place of the scene in the file.
 
     Returns
     -------

@@ -12,7 +12,7 @@ from typing import Any
 from vofem._validate import nearest
 from vofem.effects.kinds import AtPoint
 from vofem.errors import ArgumentError, SceneFileError
-from vofem.files.whole import replacing, target
+from vofem.files.whole import path_of, target, write_text
 from vofem.io.scenes.scene_text import read_respond, read_tables
 from vofem.io.scenes.scene_text import scene_to_toml as scene_to_toml
 from vofem.io.scenes.settings import OutputSettings as OutputSettings
@@ -93,8 +93,7 @@ def load_scene(path: str | os.PathLike[str]) -> SceneFile:
     Raises
     ------
     SceneFileError
-        With all faults of the file: the path of the key, what was expected, what
-        was found, and the nearest valid name.
+        With all faults of the file: the path of the key, what was expected, what was found, and the nearest valid name.
     """
     file, text, content = scene_text(path)
     return read_content(content, text, file)
@@ -102,7 +101,7 @@ def load_scene(path: str | os.PathLike[str]) -> SceneFile:
 
 def scene_text(path: str | os.PathLike[str]) -> tuple[Path, str, dict[str, Any]]:
     """Return the path of a scene file, its text and its tables; raise `SceneFileError` if it is not valid TOML."""
-    file = _path(path)
+    file = path_of(path, "a scene file")
     text = _text(file)
     try:
         return file, text, tomllib.loads(text)
@@ -167,9 +166,7 @@ def dump_scene(
     """
     file = target(path, (".toml",))
     text = scene_to_toml(scene, run, output, file.parent, respond)
-    with replacing(file) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
-    return file
+    return write_text(file, text)
 
 
 def point_named(scene: Scene, text: str) -> Any:
@@ -179,13 +176,6 @@ def point_named(scene: Scene, text: str) -> Any:
     if book.problems:
         raise ArgumentError(f"point: {book.problems[0][1]}")
     return point
-
-
-def _path(path: Any) -> Path:
-    try:
-        return Path(path)
-    except TypeError:
-        raise ArgumentError(f"path is {path!r}, expected the path of a scene file") from None
 
 
 def _text(file: Path) -> str:
@@ -199,10 +189,8 @@ def _text(file: Path) -> str:
         others = tuple(p.name for p in folder.glob("*.toml")) if folder.is_dir() else ()
         message = f"the file does not exist; relative paths start at '{Path.cwd()}'{nearest(file.name, others)}"
         raise SceneFileError(str(file), [("", message)]) from None
-    except IsADirectoryError:
-        raise SceneFileError(str(file), [("", "this is a directory, expected a scene file")]) from None
-    except (OSError, ValueError) as error:
-        what = "this is a directory, expected a scene file" if _is_folder(file) else f"the file cannot be read: {error}"
+    except OSError as error:
+        what = "this is a directory, expected a scene file" if file.is_dir() else f"the file cannot be read: {error}"
         raise SceneFileError(str(file), [("", what)]) from error
     try:
         return raw.decode("utf-8-sig")
@@ -210,13 +198,6 @@ def _text(file: Path) -> str:
         line = raw.count(b"\n", 0, error.start) + 1
         message = f"line {line} is not UTF-8 (byte 0x{raw[error.start]:02x}); save the file as UTF-8"
         raise SceneFileError(str(file), [("", message)]) from None
-
-
-def _is_folder(file: Path) -> bool:
-    try:
-        return file.is_dir()
-    except ValueError:
-        return False
 
 
 def _syntax_error(file: Path, text: str, message: str) -> SceneFileError:

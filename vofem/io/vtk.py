@@ -1,8 +1,7 @@
 """A run as a series of VTU files with a PVD index, for ParaView.
 
-The index is ``NAME.pvd``; its frames are in a folder ``NAME-frames`` beside it.
-The index, which replaces an earlier one in one step, is written after all frames:
-a reader sees the whole new series, the whole old one, or none.
+The index is ``NAME.pvd``; its frames are in a folder ``NAME-frames`` beside it. The index, which replaces an earlier
+one in one step, is written after all frames: a reader sees the whole new series, the whole old one, or none.
 """
 
 from __future__ import annotations

@@ -73,33 +73,13 @@ def _half_turns_of_all(frequency: Array, t: float, turn: Array, sine: Array) -> 
 
 
 @jit
-def oscillator(delta: float, p: float, t: float) -> tuple[float, float]:
-    """Return ``c, s`` for ``z'' + 2 delta z' + p z = 0``.
+def oscillator_change(delta: float, p: float, t: float) -> tuple[float, float]:
+    """Return ``c - 1, s`` for ``z'' + 2 delta z' + p z = 0``, accurate to all digits also for very short t.
 
     ``s`` is the response to a unit velocity and ``c = s' + delta s``, so that
     ``z = c z0 + s (v0 + delta z0)`` and ``v = c v0 - s (p z0 + delta v0)``.
     This holds for underdamped, overdamped, critically damped and free motion.
     """
-    square = p - delta * delta
-    if square > 0.0:
-        w = np.sqrt(square)
-        if delta == 0.0:
-            return np.cos(w * t), np.sin(w * t) / w
-        decay = np.exp(-delta * t)
-        return decay * np.cos(w * t), decay * np.sin(w * t) / w
-    if square == 0.0:
-        decay = np.exp(-delta * t)
-        return decay, decay * t
-    kappa = np.sqrt(-square)
-    # The slow root -delta + kappa, without cancellation.
-    slow = np.exp(-p / (delta + kappa) * t)
-    fast = np.exp(-2.0 * kappa * t)
-    return 0.5 * slow * (1.0 + fast), -slow * np.expm1(-2.0 * kappa * t) / (2.0 * kappa)
-
-
-@jit
-def oscillator_change(delta: float, p: float, t: float) -> tuple[float, float]:
-    """Return ``c - 1, s`` of `oscillator`, both accurate to all digits also for very short t."""
     square = p - delta * delta
     if square > 0.0:
         w = np.sqrt(square)
@@ -113,6 +93,7 @@ def oscillator_change(delta: float, p: float, t: float) -> tuple[float, float]:
         decay = np.expm1(-delta * t)
         return decay, (1.0 + decay) * t
     kappa = np.sqrt(-square)
+    # The slow root -delta + kappa, without cancellation.
     slow = np.expm1(-p / (delta + kappa) * t)
     fast = (1.0 + slow) * np.expm1(-2.0 * kappa * t)
     return slow + 0.5 * fast, -fast / (2.0 * kappa)

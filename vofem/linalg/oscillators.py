@@ -76,7 +76,7 @@ def _decays_of_all(rate: Array, t: float, out: Array, power: Array) -> None:
 
 @jit
 def oscillators_at(of: Array, t: float, out: Array, work: Array) -> None:
-    """Compute ``c - 1`` and ``s`` of `exponential.oscillator` at time t.
+    """Compute ``c - 1`` and ``s`` of `exponential.oscillator_change` at time t.
 
     `of` (shape (8, n)): see `oscillators`.
     `out` (shape (2, n)): filled.

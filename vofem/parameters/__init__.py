@@ -1,9 +1,8 @@
 """Parameters of bodies, effects and functions: each is declared once, in the class that has it.
 
-A class names its parameters as annotated fields of a dataclass, such as
-``gap: Annotated[float, Real("m", "The gap.")]``. From this follow the checks of its
-constructor, the section of its docstring, its table in scene files and their
-schema, copies with changed values, and what is stored.
+A class names its parameters as annotated fields of a dataclass: ``gap: Annotated[float, Real("m", "The gap.")]``.
+From this follow the checks of its constructor, the section of its docstring, its table in scene files and their schema,
+copies with changed values, and what is stored.
 """
 
 from vofem.parameters.declared import CHOSEN as CHOSEN

@@ -19,6 +19,9 @@ Path = str | Sequence[Any]
 
 _BRACKETS = re.compile(r"\[(\d+)\]")
 
+#: What has no parameters.
+_PLAIN = (type(None), bool, int, float, str)
+
 
 def value_at(thing: Any, path: Path) -> Any:
     """Return the value at a path in an object, a dict or a list.
@@ -56,7 +59,7 @@ def _changed(thing: Any, changes: list[tuple[tuple[Any, ...], Any, Path]], depth
     for parts, value, path in changes:
         last = depth + 1 == len(parts)
         # A new key of a table is no fault here, and a constructor knows its arguments best.
-        new = last and not isinstance(thing, list) and (isinstance(thing, dict) or not _is_plain(thing))
+        new = last and not isinstance(thing, list) and (isinstance(thing, dict) or not isinstance(thing, _PLAIN))
         key = parts[depth] if new else _key(thing, parts, depth, path)
         if last:
             own[key] = value
@@ -73,10 +76,6 @@ def _changed(thing: Any, changes: list[tuple[tuple[Any, ...], Any, Path]], depth
     if is_declared(type(thing)):
         values |= alone(thing, next((name for name in thing._either if name in own), None))
     return type(thing)(**values | own)
-
-
-def _is_plain(thing: Any) -> bool:
-    return thing is None or isinstance(thing, (bool, int, float, str))
 
 
 def _parts(thing: Any, path: Path) -> tuple[Any, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -183,7 +184,7 @@ class ContactSensitivities:
             state, changes = integrals
             total += law.row @ changes + law.rows @ state + law.constants * duration
             for k, change in enumerate(law.wave_changes):
-                total[k] += _integral(change, duration)
+                total[k] += integral_of(change, duration)
             for at, sign in ((0.0, -1.0), (duration, 1.0)):
                 moved = self._moved(index, at)
                 if moved is not None:
@@ -302,9 +303,9 @@ def _motion(piece: Closed | Block, matrix: Array, force: Forcing, n: int, tau: f
     return state, rate, second
 
 
-def _integral(force: Forcing, duration: float) -> float:
-    """Return the integral of a number over time."""
+def integral_of(force: Forcing, duration: float) -> Any:
+    """Return the integral of a number or a vector (n,) over time."""
     zero = np.zeros(force.omega.size, dtype=np.complex128)
     sigma = np.asarray(1j * force.omega, dtype=np.complex128)
     levels, growths = divided_far(sigma, zero, duration), ramped(zero, sigma, duration)
-    return float((force.level @ levels + force.growth @ growths).real)
+    return (levels @ force.level + growths @ force.growth).real

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from vofem.arrays import Array
+from vofem.arrays import Array, Complex
 from vofem.errors import MethodError
 from vofem.sensitivities.flow import Block, Closed
 from vofem.sensitivities.forward import Forward, Meeting
@@ -16,6 +16,9 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 
 #: Phase in rad over a panel of sixteen Gauss points, for which they are exact to rounding.
 _PHASE = 8.0
+
+#: Decay rate times the time after which a mode counts no longer.
+_GONE = 32.0
 
 #: Share of the largest amplitude from which on a mode counts; powers of modes far apart average out.
 _COUNTS = 1e-9
@@ -35,12 +38,9 @@ def no_rigid_stops(what: str, forward: Forward) -> None:
 def dissipated(forward: Forward, times: Array) -> Array:
     """Return the derivatives of the energy in J dissipated from 0 to some times, shape (n_times, p)."""
     no_rigid_stops("energy.dissipated", forward)
-    modal, p = forward.modal, len(forward.changes)
+    p = len(forward.changes)
     out = np.zeros((times.size, p))
-    laws = modal.laws
-    damped = np.any(modal.damping) or (laws is not None and np.any(laws.damping))
-    moved = any(change.damping is not None or np.any(change.change.contact_damping) for change in forward.changes)
-    if not damped and not moved:
+    if not takes_energy(forward):
         return out
     order = np.argsort(times, kind="stable")
     ahead, total = 0, np.zeros(p)
@@ -66,6 +66,14 @@ def dissipated(forward: Forward, times: Array) -> Array:
     return out
 
 
+def takes_energy(forward: Forward) -> bool:
+    """Return whether there are dampers, or parameters that make some."""
+    modal, laws = forward.modal, forward.modal.laws
+    damped = np.any(modal.damping) or (laws is not None and np.any(laws.damping))
+    moved = (change.damping is not None or np.any(change.change.contact_damping) for change in forward.changes)
+    return bool(damped or any(moved))
+
+
 def _integrals(forward: Forward, index: int, edges: Array) -> Array:
     """Return the integrals of the rate of dissipation's derivatives between some times of a segment, (k, p)."""
     modal = forward.modal
@@ -73,13 +81,12 @@ def _integrals(forward: Forward, index: int, edges: Array) -> Array:
     piece = forward.closed(index)
     equation = forward.flow(forward.segments.status[index]).equation
     matrices = [-forward.lower(equation, change)[:, n:] for change in forward.changes]
-    rate_limit = fastest(piece, equation.matrix)
     parts = np.zeros((edges.size - 1, p))
     nodes, weights, owner = [], [], []
     for k, (low, high) in enumerate(pairwise(edges)):
         if high <= low:
             continue
-        points, shares = gauss(float(low), float(high), rate_limit)
+        points, shares = gauss(float(low), float(high), piece, equation.matrix)
         nodes.append(points)
         weights.append(shares)
         owner.append(np.full(points.size, k))
@@ -101,12 +108,35 @@ def _integrals(forward: Forward, index: int, edges: Array) -> Array:
     return parts
 
 
-def gauss(low: float, high: float, frequency: float) -> tuple[Array, Array]:
-    """Return points and weights of a quadrature that is exact to rounding up to a frequency in rad/s."""
-    count = max(1, int(np.ceil((high - low) * frequency / _PHASE)))
-    half = 0.5 * (high - low) / count
-    middles = low + half * (2.0 * np.arange(count) + 1.0)
-    return (middles[:, None] + half * _NODES).ravel(), np.tile(half * _WEIGHTS, count)
+def gauss(low: float, high: float, piece: Closed | Block, matrix: Array) -> tuple[Array, Array]:
+    """Return points and weights of a quadrature of powers between two times of a segment, exact to rounding.
+
+    Panels are as short as the fastest of the modes asks for that have not decayed by then.
+    """
+    roots, least = _counted(piece, matrix)
+    with np.errstate(divide="ignore"):
+        gone = np.where(roots.real < 0.0, _GONE / np.abs(roots.real), np.inf)
+    order = np.argsort(gone, kind="stable")
+    alive = np.maximum.accumulate(np.append(least, np.abs(roots[order][::-1])))[::-1]
+    edges = np.clip(np.concatenate([[low], gone[order], [high]]), low, high)
+    points, weights = [np.zeros(0)], [np.zeros(0)]
+    for k in np.flatnonzero(np.diff(edges) > 0.0).tolist():
+        width = edges[k + 1] - edges[k]
+        count = max(1, int(np.ceil(width * 2.0 * alive[k] / _PHASE)))
+        half = 0.5 * width / count
+        middles = edges[k] + half * (2.0 * np.arange(count) + 1.0)
+        points.append((middles[:, None] + half * _NODES).ravel())
+        weights.append(np.tile(half * _WEIGHTS, count))
+    return np.concatenate(points), np.concatenate(weights)
+
+
+def _counted(piece: Closed | Block, matrix: Array) -> tuple[Complex, float]:
+    """Return the roots in 1/s of the modes that count in a segment, and the largest frequency of the loads in rad/s."""
+    if isinstance(piece, Block):
+        return np.linalg.eigvals(matrix).astype(complex), float(np.max(piece.segment.force.omega, initial=1.0))
+    size = np.abs(piece.a)
+    counted = size > _COUNTS * max(float(np.max(size)), float(np.max(np.abs(piece.y0), initial=0.0)))
+    return piece.basis.values[counted], float(np.max(np.abs(piece.sigma), initial=0.0))
 
 
 def powers(forward: Forward, meeting: Meeting) -> list[tuple[int, float]]:
@@ -120,13 +150,3 @@ def powers(forward: Forward, meeting: Meeting) -> list[tuple[int, float]]:
         if {int(meeting.before[j]), entered} == {OPEN, CLOSED}:
             found.append((number, laws.damping[j] * rate**2 * (-1.0 if entered == CLOSED else 1.0)))
     return found
-
-
-def fastest(piece: Closed | Block, matrix: Array) -> float:
-    """Return the largest frequency in rad/s with which power oscillates in a segment."""
-    if isinstance(piece, Block):
-        return 2.0 * float(np.max(np.abs(np.linalg.eigvals(matrix)), initial=1.0))
-    size = np.abs(piece.a)
-    counted = size > _COUNTS * max(float(np.max(size)), float(np.max(np.abs(piece.y0), initial=0.0)))
-    own = float(np.max(np.abs(piece.basis.values[counted]), initial=0.0))
-    return 2.0 * max(own, float(np.max(np.abs(piece.sigma), initial=0.0)))

@@ -121,8 +121,6 @@ class Forward:
         self._forces: dict[int, tuple[Forcing, Forcing]] = {}
         self._pieces: dict[int, Closed | Block] = {}
         self.meetings: dict[int, Meeting] = {}
-        #: The run in the modes in which it was computed.
-        self._run = getattr(self.solution, "reduced", self.solution)
         #: Derivatives of the impulses of impacts on rigid stops, shape (p,), by the number of the event.
         self.impulses: dict[int, Array] = {}
         self.final = self._propagate()
@@ -211,7 +209,7 @@ class Forward:
         if not last:
             # Displacements are continuous; the velocity before pinning is that of the free motion.
             t = float(np.nextafter(t, -np.inf))
-        z, v = self._run.modal(np.array([min(t, self.solution.t_end)]))
+        z, v = self.solution.modal(np.array([min(t, self.solution.t_end)]))
         return z[:, 0], v[:, 0]
 
     # -- through segments and events --------------------------------------------------------------
@@ -235,13 +233,13 @@ class Forward:
             before = segments.status[index]
             after = self._status_at_end(event) if last else segments.status[index + 1]
             count = self.events.time.size - event if last else int(np.count_nonzero(before != after))
-            if index + 1 in self._run.hard_bounces:
+            if index + 1 in self.solution.hard_bounces:
                 # A stop closes and opens at once.
                 count = 2
             if not count:
                 continue
             state = piece.states(np.array([segments.durations[index]]))[:, 0]
-            passage = self._run.passage(index, (after, *self._split(state)))
+            passage = self.solution.passage(index, (after, *self._split(state)))
             numbers = range(event, event + count)
             impact = self._impact(after, numbers, state)
             self.meetings[index] = Meeting(numbers, before, after, state, ends, passage, impact)
@@ -291,8 +289,8 @@ class Forward:
         if meeting.impact is not None:
             first = meeting.numbers[0]
             displacement, velocity = self._split(meeting.state)
-            load = self._run.load(float(self.events.time[first]))
-            push = acceleration(self._run.space, self.modal.laws, meeting.before, displacement, velocity, load)
+            load = self.solution.load(float(self.events.time[first]))
+            push = acceleration(self.solution.space, self.modal.laws, meeting.before, displacement, velocity, load)
             there = v + np.outer(push, self.event_times[first])
             self.impulses[first] = meeting.impact.impulses(there)[0] + explicit.impulse
         z, v = passage.passed(z, v, off=explicit.off, slow=explicit.slow, meets=explicit.meets)

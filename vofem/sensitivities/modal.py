@@ -46,12 +46,11 @@ class ModalSystem:
 
 def modal_system(solution: Any) -> ModalSystem:
     """Return the system of an event-driven run in its modes, or in those of its Ritz vectors."""
-    reduced = getattr(solution, "reduced", solution)
-    space, shapes = reduced.space, solution.modes[1]
+    space, shapes = solution.space, solution.modes[1]
     damping = np.diag(space.damping)
     if space.coupling is not None:
         damping = damping + space.coupling
-    system: System = reduced.system
+    system: System = solution.system
     rates = np.zeros(space.size) if system.modal_damping is None else system.modal_rates(space.stiffness)
     frequency = np.sqrt(space.stiffness)
     slowest = 1.0 / solution.t_end

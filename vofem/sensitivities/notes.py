@@ -52,7 +52,7 @@ def notes_of(result: Any, forward: Forward, times: Array, horizon: float) -> lis
             "not finite: the times of some events have no derivative, because the gap function touches zero without "
             "crossing it; they are infinite or NaN"
         )
-    if hasattr(result.solution, "reduced"):
+    if result.solution.truncation is not None:
         notes.append(
             "truncation: derivatives are those of the run in its Ritz vectors, which are held fixed; truncation=0 "
             "keeps all modes"

@@ -15,8 +15,9 @@ from vofem.errors import ArgumentError
 from vofem.lookup import rows_over
 from vofem.result import Result
 from vofem.sensitivities.adjoint import Linear
-from vofem.sensitivities.contacts import Law, event_at, peak_of, within
-from vofem.sensitivities.energy import fastest, gauss, no_rigid_stops, powers
+from vofem.sensitivities.contacts import Law, event_at, integral_of, peak_of, within
+from vofem.sensitivities.energy import gauss, no_rigid_stops, powers, takes_energy
+from vofem.sensitivities.flow import Closed
 from vofem.sensitivities.forward import Forward
 
 
@@ -71,13 +72,8 @@ def impulse(contact: Any, impact: int = 1) -> Objective:
         out.value = float(found.impulse[number - 1])
         for index in within(forward, j, float(found.closing[number - 1]), float(found.opening[number - 1])):
             law, piece = Law(forward, index, j), forward.closed(index)
-            matrix = forward.flow(forward.segments.status[index]).equation.matrix
             duration = float(forward.segments.durations[index])
-            tau, weight = gauss(0.0, duration, fastest(piece, matrix))
-            states = piece.states(tau)
-            for k, (t, share) in enumerate(zip(tau.tolist(), weight.tolist(), strict=True)):
-                out.add(index, t, share * law.row)
-                out.explicit += share * law.explicit(states[:, k], t)
+            _add_integral(out, forward, index, law)
             for at, sign in ((0.0, -1.0), (duration, 1.0)):
                 event = event_at(forward, index, at, j)
                 if event is not None:
@@ -94,11 +90,11 @@ def dissipated() -> Objective:
         no_rigid_stops("dissipated", forward)
         modal, out = forward.modal, _blank(forward)
         n = modal.size
-        for index in range(forward.starts.size):
+        for index in range(forward.starts.size if takes_energy(forward) else 0):
             piece = forward.closed(index)
             equation = forward.flow(forward.segments.status[index]).equation
             matrices = [-forward.lower(equation, change)[:, n:] for change in forward.changes]
-            tau, weight = gauss(0.0, float(forward.segments.durations[index]), fastest(piece, equation.matrix))
+            tau, weight = gauss(0.0, float(forward.segments.durations[index]), piece, equation.matrix)
             v = piece.states(tau)[n:]
             pull = equation.damping @ v
             out.value += float(weight @ np.sum(v * pull, axis=0))
@@ -168,6 +164,29 @@ def _impact(result: Result, name: str, number: int) -> tuple[int, Any]:
     if number > len(found):
         raise ArgumentError(f"gradient: impact {number} of {name!r} was asked for; the run has {len(found)}")
     return list(result.contacts).index(name), found
+
+
+def _add_integral(out: Linear, forward: Forward, index: int, law: Law) -> None:
+    """Add the integral of a contact's force over a segment: of ``u' = A u + f`` it is one of u at both ends."""
+    piece, flow = forward.closed(index), forward.flow(forward.segments.status[index])
+    matrix, duration = flow.equation.matrix, float(forward.segments.durations[index])
+    found = piece.integrals() if isinstance(piece, Closed) else None
+    if found is None:
+        tau, weight = gauss(0.0, duration, piece, matrix)
+        states = piece.states(tau)
+        for k, (t, share) in enumerate(zip(tau.tolist(), weight.tolist(), strict=True)):
+            out.add(index, t, share * law.row)
+            out.explicit += share * law.explicit(states[:, k], t)
+        return
+    state, left = found[0], np.linalg.solve(matrix.T, law.row).astype(float, copy=False)
+    out.add(index, duration, left)
+    out.add(index, 0.0, -left)
+    out.explicit += law.rows @ state + law.constants * duration
+    for k, (change, force) in enumerate(zip(flow.matrices, forward.force_changes(index), strict=True)):
+        if change is not None:
+            out.explicit[k] -= left @ (change @ state)
+        if force is not None:
+            out.explicit[k] -= left[forward.modal.size :] @ integral_of(force, duration)
 
 
 def _blank(forward: Forward) -> Linear:

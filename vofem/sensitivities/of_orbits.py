@@ -51,7 +51,7 @@ class OrbitSensitivities(MotionSensitivities):
             )
         if orbit.autonomous:
             raise ArgumentError("sensitivities: no load determines the period of this orbit; add a load")
-        if hasattr(result.solution, "reduced"):
+        if result.solution.truncation is not None:
             raise MethodError(
                 "sensitivities: the orbit was found in a few vectors; use fewer elements, so that it is found in all "
                 "modes"

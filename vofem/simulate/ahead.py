@@ -51,12 +51,7 @@ def _damped() -> Scene:
     """Return a scene for event_driven with damping that couples the modes, equal decays and contact dampers."""
     one, two, three = (Mass(1.0, stiffness=k, damping=2.0) for k in (1.0, 1.0, 4.0))
     stop = Contact(one, gap=0.01, stiffness=5.0, damping=0.5, side="above", acts_on="penetration")
-    effects = [
-        stop,
-        Dashpot(one, two, damping=0.5),
-        Dashpot(two, three, damping=1.0),
-        PointLoad(one, Sine(1.0, 2.0)),
-    ]
+    effects = [stop, Dashpot(one, two, damping=0.5), Dashpot(two, three, damping=1.0), PointLoad(one, Sine(1.0, 2.0))]
     return Scene([one, two, three], effects, initial={one: (0.0, 1.0)})
 
 

@@ -59,10 +59,7 @@ def _holds(kind: str) -> Callable[[System], bool]:
 
 _KINDS: tuple[tuple[str, Callable[[System], bool]], ...] = (
     (KINDS[0], _holds(KINDS[0])),
-    (
-        "contact dampers",
-        lambda system: system.contacts is not None and bool(np.any(system.contacts.damping > 0)),
-    ),
+    ("contact dampers", lambda system: system.contacts is not None and bool(np.any(system.contacts.damping > 0))),
     ("damping", lambda system: system.damped),
     *((kind, _holds(kind)) for kind in KINDS[1:]),
     ("loads", lambda system: bool(system.loads)),

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from vofem._validate import nearest
 from vofem.errors import MethodError
-from vofem.integrators.method import Method
 from vofem.integrators.methods import ENERGY_CONSERVING, GENERALIZED_ALPHA
 from vofem.integrators.registry import method_named, method_names, methods, ranked
 from vofem.simulate.cost import seconds_between_breakpoints, seconds_under_tolerance
@@ -33,11 +32,6 @@ class Choice:
 
     method: str
     why: str
-
-    @property
-    def description(self) -> Method:
-        """The description of the method."""
-        return method_named(self.method)
 
 
 #: Seconds below which an exact run is taken in any case: another method would save too little.

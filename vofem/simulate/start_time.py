@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 from vofem.assembly import Model
-from vofem.system import System
 from vofem.time_functions import Shifted, as_time_function
 
 
@@ -16,11 +15,8 @@ def model_at(model: Model, t_start: float) -> Model:
     """
     if t_start == 0.0:
         return model
-    return replace(model, system=_shifted(model.system, t_start))
-
-
-def _shifted(system: System, t_start: float) -> System:
+    system = model.system
     loads = tuple(replace(load, function=Shifted(as_time_function(load.function), t_start)) for load in system.loads)
     shifted = replace(system, loads=loads, laws=tuple(group.shifted(t_start) for group in system.laws))
     shifted.share(system)
-    return shifted
+    return replace(model, system=shifted)

@@ -22,10 +22,9 @@ from vofem.system import CLOSED, OPEN, PINNED, System, refuse_travelling
 def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
     """Return the static equilibrium of a scene under its loads at time t.
 
-    Under ``acts_on="displacement"`` there are loads for which the contact is in
-    equilibrium neither open nor closed. It then rests exactly at its gap: its
-    status is "pinned", and its reaction is returned. Dampers and springpots carry
-    no constant force and are left out.
+    Under ``acts_on="displacement"`` there are loads for which the contact is in equilibrium neither open nor closed. It
+    then rests exactly at its gap: its status is "pinned", and its reaction is returned. Dampers and springpots carry no
+    constant force and are left out.
 
     Parameters
     ----------
@@ -37,8 +36,7 @@ def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
     Raises
     ------
     SingularSystemError
-        If the structure, held by its supports and by the contacts that carry
-        load, can still move freely.
+        If the structure, held by its supports and by the contacts that carry load, can still move freely.
     """
     t = number("equilibrium: t", t)
     return _equilibrium(as_scene("equilibrium", scene), t)
@@ -91,13 +89,11 @@ _AT_LIMIT = 1.0 - 1e-12
 def quasi_static(scene: Scene, load_factors: ArrayLike) -> QuasiStatic:
     """Return the equilibria of a scene along a path of loads, hysteretic springs and contacts together.
 
-    The path begins without load, and with springs that were never loaded. From one
-    factor to the next all elongations are taken to change monotonically. So give
-    every turning point of the load, and factors between them where springs and
-    contacts interact. The load changes infinitely slowly: dampers and springpots
-    carry no force and are left out. The work of the loads is compared with the
-    energy that bodies, springs and contacts store and dissipate; `notes` of the
-    outcome says where they differ.
+    The path begins without load, and with springs that were never loaded. From one factor to the next all elongations
+    are taken to change monotonically. So give every turning point of the load, and factors between them where springs
+    and contacts interact. The load changes infinitely slowly: dampers and springpots carry no force and are left out.
+    The work of the loads is compared with the energy that bodies, springs and contacts store and dissipate; `notes` of
+    the outcome says where they differ.
 
     Parameters
     ----------

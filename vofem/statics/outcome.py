@@ -97,20 +97,16 @@ class AtRest:
     """
 
     def __init__(self, model: Model, q: Array, contacts: Mapping[str, Any], iterations: int) -> None:
-        self._model, self._q = model, q
+        self.model: Model = model  #: The assembled scene.
+        self._q = q
         self.contacts = Named(dict(contacts))
         self.iterations = iterations
-
-    @property
-    def model(self) -> Model:
-        """The assembled scene."""
-        return self._model
 
     def state_of(self, body_name: str) -> tuple[Array, Array]:
         """Return the degrees of freedom of a body, at the end of a path, and their rates, zero, each (size,)."""
         cure = "; as the start of a scene give the outcome for the bodies that it holds: initial={body: outcome}"
-        body = body_named(self._model.offsets, body_name, cure)
-        values = self._model.of_body(body, self._q if self._q.ndim == 1 else self._q[:, -1])
+        body = body_named(self.model.offsets, body_name, cure)
+        values = self.model.of_body(body, self._q if self._q.ndim == 1 else self._q[:, -1])
         return values, np.zeros_like(values)
 
     def _pasts(self) -> dict[str, Array]:
@@ -119,18 +115,18 @@ class AtRest:
 
     def as_start(self) -> StoredState:
         """Return the state, with which a run can start, without keeping this outcome in memory."""
-        states = {body.name: self.state_of(body.name) for body in self._model.offsets}
+        states = {body.name: self.state_of(body.name) for body in self.model.offsets}
         return StoredState(states, self._pasts(), source=type(self).__name__)
 
     def _displacement(self, point: Any) -> Any:
-        body, row = row_of(self._model.offsets, point)
-        return row.weights @ self._model.of_body(body, self._q)[row.indices]
+        body, row = row_of(self.model.offsets, point)
+        return row.weights @ self.model.of_body(body, self._q)[row.indices]
 
     def _field(self, x: ArrayLike, body: Any, derivative: int) -> Array:
         """Return a derivative of eta, of the shape of x and, along a path, (n_factors,)."""
-        beam = the_beam(self._model.offsets, body)
+        beam = the_beam(self.model.offsets, body)
         # Of the shape of x, so that a field serves as the initial state of another scene.
-        values = beam.field_matrix(np.ravel(np.asarray(x)), derivative) @ self._model.of_body(beam, self._q)
+        values = beam.field_matrix(np.ravel(np.asarray(x)), derivative) @ self.model.of_body(beam, self._q)
         return np.reshape(values, (np.shape(x) or (1,)) + self._q.shape[1:])
 
 
@@ -196,10 +192,9 @@ class Equilibrium(AtRest):
     def bending_moment(self, x: ArrayLike, body: Any = None) -> Array:
         """Return ``M = EI eta''`` in N m, in the shape of x; at a node, that of the element to its right.
 
-        Within an element the moment balances distributed loads, weight,
-        foundations and tension. It is as exact as the displacements of the nodes.
-        Point loads and springs between nodes are replaced by forces and moments
-        at the ends of their element.
+        Within an element the moment balances distributed loads, weight, foundations and tension. It is as exact as the
+        displacements of the nodes. Point loads and springs between nodes are replaced by forces and moments at the ends
+        of their element.
         """
         return self._sections(x, body)[0]
 
@@ -208,8 +203,8 @@ class Equilibrium(AtRest):
         return self._sections(x, body)[1]
 
     def _sections(self, x: ArrayLike, body: Any) -> tuple[Array, Array]:
-        beam, shape = the_beam(self._model.offsets, body), np.shape(x) or (1,)
-        q = self._model.of_body(beam, self._q)[:, None]
+        beam, shape = the_beam(self.model.offsets, body), np.shape(x) or (1,)
+        q = self.model.of_body(beam, self._q)[:, None]
         moment, shear = balanced_sections(self.effects, beam, np.ravel(np.asarray(x)), np.array([self.t]), q)
         return moment.reshape(shape), shear.reshape(shape)
 
@@ -254,7 +249,7 @@ class QuasiStatic(AtRest):
 
     def spring_state(self, name: str) -> Array | None:
         """Return the internal variables of a hysteretic spring at the last factor, or None if there are none."""
-        groups = [group for group in self._model.system.laws if group.static and self._past.size]
+        groups = [group for group in self.model.system.laws if group.static and self._past.size]
         return past_of(groups, self._past, name)
 
     def _pasts(self) -> dict[str, Array]:

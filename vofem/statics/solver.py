@@ -1,10 +1,9 @@
 """Equilibrium in the coordinates of the scalar laws, once or along a path of loads.
 
-The energy of a structure on laws whose forces never fall is convex, under both
-force laws of contacts. It is minimised by Newton's method with an exact line
-search. Under the displacement law the reaction may take any value in
-[0, K0 gap] at the gap. This vertical part of the law is replaced by a steep slope
-during the iterations, and treated exactly at the end.
+The energy of a structure on laws whose forces never fall is convex, under both force laws of contacts. It is minimised
+by Newton's method with an exact line search. Under the displacement law the reaction may take any value in [0, K0 gap]
+at the gap. This vertical part of the law is replaced by a steep slope during the iterations, and treated exactly at the
+end.
 """
 
 from __future__ import annotations
@@ -66,10 +65,9 @@ def _factorize(matrix: Any) -> Any:
 def solver_of(system: System) -> Solve:
     """Return a function that solves with K, shapes (n,) or (n, k).
 
-    If the structure can move freely without its laws, it is held at as many
-    degrees of freedom as it has rigid motions. The response is then one of many
-    that differ by rigid motions. Large systems and graded meshes are solved with
-    their strains, because the entries of K hold too few digits.
+    If the structure can move freely without its laws, it is held at as many degrees of freedom as it has rigid motions.
+    The response is then one of many that differ by rigid motions. Large systems and graded meshes are solved with their
+    strains, because the entries of K hold too few digits.
     """
     from scipy.sparse import vstack
 

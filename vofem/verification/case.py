@@ -20,7 +20,6 @@ from vofem.scene import Scene
 from vofem.simulate.simulation import simulate
 from vofem.statics import Equilibrium, equilibrium
 from vofem.studies.steady import Branch, PeriodicOrbit, continuation, periodic
-from vofem.vibration import Modes, modes
 
 #: Verdicts. "reported": beyond its tolerance, and a note of the run says so.
 Verdict = Literal["passed", "reported", "refused", "stopped", "FAILED"]
@@ -102,10 +101,6 @@ class Run:
         outcome = equilibrium(scene)
         self.notes += outcome.notes
         return outcome
-
-    def modes(self, scene: Scene, count: int, closed: tuple[str, ...] = ()) -> Modes:
-        """Return vibration modes."""
-        return modes(scene, count, closed=closed)
 
     def periodic(self, scene: Scene, **more: Any) -> PeriodicOrbit:
         """Return a steady state by the method, with its options."""

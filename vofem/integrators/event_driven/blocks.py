@@ -26,7 +26,7 @@ from vofem.integrators.event_driven.clusters import Group, group_change
 from vofem.kernels.addresses import address_of, call
 from vofem.kernels.jit import CompiledFunction, borrowed, jit, plain_form
 from vofem.kernels.mode import kernels
-from vofem.linalg.exponential import exponential_response, oscillator, power_response, ramp_response
+from vofem.linalg.exponential import exponential_response, oscillator_change, power_response, ramp_response
 from vofem.linalg.oscillators import (
     DELTA,
     SQUARE,
@@ -82,7 +82,7 @@ def blocks_of(of: Array, pair: Integers, gain: Array, group: Group | None) -> Bl
 def _special_response(delta: float, p: float, b: complex, g1: complex, g2: complex, tau: float) -> tuple[float, float]:
     """Return the response (z, v) from rest of a block to ``exp(b tau)``."""
     d = exponential_response(delta, p, b, tau)
-    rate = b * d + oscillator(delta, p, tau)[1]
+    rate = b * d + oscillator_change(delta, p, tau)[1]
     return (g1 * (rate + 2.0 * delta * d) + g2 * d).real, (g2 * rate - p * g1 * d).real
 
 

@@ -6,7 +6,6 @@ continued from a snapshot gives the same bits.
 
 from __future__ import annotations
 
-import time
 from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any, cast
 
@@ -50,8 +49,8 @@ if TYPE_CHECKING:
 
 Status = NDArray[np.int64]
 
-#: Segments in the first call of the loop; seconds that a call may take; segments and events in any call.
-FIRST_CALL, _SECONDS, MOST = 64, 0.1, 100_000
+#: Most segments in a call of the loop, whose work is bounded too, and most by which the record grows at once.
+MOST = 100_000
 
 
 class Follower:
@@ -78,7 +77,6 @@ class Follower:
         self.calls = 0
         loads = solution.exosystem = solution.loads_between(np.asarray(edges, dtype=float))
         self._pin_fraction, self._most_events = pin_fraction, most_events
-        self._segments = FIRST_CALL
         self._statuses = Statuses(len(loads.omega))
         # The table and the arrays of the record whose places the loop has, and its work space.
         self._placed: tuple[Any, Any] = (None, None)
@@ -106,7 +104,7 @@ class Follower:
         return np.stack([laws.gap, squares, scale * laws.stiffness * laws.gap, scale * laws.damping], axis=1)
 
     def advance(self) -> None:
-        """Compute one segment or more. In compiled code a call takes about 0.1 s of wall time at most."""
+        """Compute one segment or more. In compiled code a call takes about 0.1 s at most."""
         solution, run, statuses = self.solution, self._run, self._statuses
         loads, number = solution.exosystem, solution.record.number(self.status)
         run[INTERVAL] = loads.interval(np.array([self.time]))[0]
@@ -132,13 +130,13 @@ class Follower:
         record, counters, group = solution.record, solution.counters, regime.blocks.group
         self._enter()
         run[SEGMENTS], run[EVENTS], run[EVALUATIONS] = record.segments, record.events, 0
-        first, first_event, begun = record.segments, record.events, time.perf_counter()
+        first, first_event = record.segments, record.events
         record.make_room(1, 1)
         while True:
             self._place(statuses.table)
             reason = run_segments(
                 statuses.table, statuses.slots, statuses.after, run,
-                1 if group is not None else self._segments, self._most_events,
+                1 if group is not None else MOST, self._most_events,
             )  # fmt: skip
             self.calls += 1
             record.segments, record.events = int(run[SEGMENTS]), int(run[EVENTS])
@@ -146,10 +144,6 @@ class Follower:
                 break
             more = max(min(record.segments, MOST), 1)
             record.make_room(more, more)
-        seconds = time.perf_counter() - begun
-        if record.segments - first >= self._segments:
-            self._segments = min(2 * self._segments, MOST) if seconds < 0.5 * _SECONDS else self._segments
-            self._segments = max(self._segments // 2, 1) if seconds > 2.0 * _SECONDS else self._segments
         counters.steps += record.segments - first
         counters.events += record.events - first_event
         counters.gap_evaluations += int(run[EVALUATIONS]) * self._gaps.size

@@ -45,10 +45,6 @@ class ModalSamples:
         """Accelerations, those of the equation of motion."""
         return self._shapes @ self._rates
 
-    def lifted(self, shapes: Array) -> ModalSamples:
-        """Return the samples of the same modes in other degrees of freedom, by their shapes there."""
-        return ModalSamples(shapes, self._z, self._v, lambda: self._rates)
-
     def along(self, rows: Any, kind: str) -> Array:
         """Return ``rows @ q`` (kind "q", or v, a) for rows (k, n)."""
         if not self._fewer:

@@ -284,7 +284,7 @@ def _rates(structure: Structure, maps: Maps, loads: Pieces, s: int, time: float,
 
 @jit
 def turns(delta: Array, p: Array, t: float) -> tuple[Array, Array]:
-    """Return ``c - 1`` and ``s`` of `oscillator` for some blocks, each (n,)."""
+    """Return ``c - 1`` and ``s`` of `oscillator_change` for some blocks, each (n,)."""
     turn, sine = np.empty(p.size), np.empty(p.size)
     for i in range(p.size):
         turn[i], sine[i] = oscillator_change(delta[i], p[i], t)

@@ -378,7 +378,12 @@ class Regime:
             own = rows if self.spectrum.real.modes is None else rows @ self.spectrum.real.modes
             nothing = np.zeros_like(own)
             w, u = self.spectrum.functions(np.concatenate([own, nothing]), np.concatenate([nothing, own]))
-            self.kept[key] = flat(_over_all(w, u, self.answers.steady))
+            every = _over_all(w, u, self.answers.steady)
+            if self.pushes is not None:
+                along, k, e = rows @ self.pushes.carried, len(rows), self.loads
+                every[:k, 0, :e] += along
+                every[k:, 1, :e] += along
+            self.kept[key] = flat(every)
         found: Array = self.kept[key]
         return found
 
@@ -493,10 +498,8 @@ def _sliding(regime: Regime) -> SlidingPiece:
     assert pushes is not None
     assert laws is not None
     e, first, rows = regime.loads, sliders.first, space.contacts[sliders.first :]
-    modal = rows if spectrum.real.modes is None else rows @ spectrum.real.modes
-    w, u = spectrum.functions(np.zeros_like(modal), modal)
-    speeds = _over_all(w, u, regime.answers.steady)
-    speeds[:, 1, :e] += rows @ pushes.carried - pushes.anchors
+    speeds = regime.over_blocks(rows)[len(rows) :].reshape(len(rows), 2, -1).copy()
+    speeds[:, 1, :e] -= pushes.anchors
     signs, own_status, held = sliders.signs(status), status[first:], np.flatnonzero(status == PINNED).tolist()
     forces = np.zeros((len(sliders), speeds.shape[1] * speeds.shape[2]))
     forces[:, 0] = signs * sliders.limit

@@ -14,7 +14,6 @@ from vofem.arrays import Array
 from vofem.errors import EventStormError, MethodError
 from vofem.integrators.event_driven.flow import solution_of
 from vofem.integrators.event_driven.follow import follower_of
-from vofem.integrators.event_driven.lifted import TruncatedSolution
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.truncated import (
@@ -104,7 +103,7 @@ def run(
     truncation: float | None = None,
     observer: Observer | None = None,
     resume: Snapshot | None = None,
-) -> EventSolution | TruncatedSolution:
+) -> EventSolution:
     """Simulate from the start state at t = 0 to t_end.
 
     `t_end`: duration of the run in s.
@@ -141,9 +140,13 @@ def run(
         def follow(reduced: System, begin: State) -> EventSolution:
             return _follow(reduced, begin, t_end, times, max_events, pin_fraction)
 
-        truncated = run_truncated(system, start, t_end, times, truncation, follow)
-        good = truncated is not None and truncated.truncation.error <= truncation
-        if truncated is not None and (good or asked or system.size > FULL_AFTER_ALL):
+        truncated = run_truncated(system, start, t_end, truncation, follow)
+        kept = None if truncated is None else truncated.truncation
+        if (
+            truncated is not None
+            and kept is not None
+            and (asked or kept.error <= truncation or system.size > FULL_AFTER_ALL)
+        ):
             truncated.notes += loads_by_values(system, t_end)
             return truncated
     if system.size > MOST_UNKNOWNS:

@@ -16,7 +16,7 @@ from vofem.integrators.event_driven.tangent import drifted
 from vofem.kernels.addresses import floats, shaped
 from vofem.kernels.jit import jit
 from vofem.kernels.mode import compiled
-from vofem.linalg.exponential import oscillator
+from vofem.linalg.exponential import oscillator_change
 from vofem.linalg.oscillators import DELTA, SQUARE
 from vofem.linalg.vectors import inner
 from vofem.system import CLOSED, PINNED
@@ -101,7 +101,8 @@ def _follow(table: Statuses, solution: Any, index: int, z: Array, v: Array, grow
 @jit
 def _drift(delta: Array, p: Array, z: Array, v: Array, t: float) -> None:
     for k in range(p.size):
-        c, s = oscillator(delta[k], p[k], t)
+        c, s = oscillator_change(delta[k], p[k], t)
+        c += 1.0
         z[k], v[k] = c * z[k] + s * (v[k] + delta[k] * z[k]), c * v[k] - s * (p[k] * z[k] + delta[k] * v[k])
 
 

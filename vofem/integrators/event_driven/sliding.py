@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError, MethodError
-from vofem.integrators.base import ContactSamples, Energies
+from vofem.integrators.base import Energies
 from vofem.integrators.event_driven.energy import work_and_dissipation
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.regime import Motion, Regime, Regimes, flat
@@ -259,40 +259,10 @@ class SlidingSolution(EventSolution):
         """The contact events in order of time; those of sliders are no part of it."""
         return self.record.log(self._initial[: self.contact_count])
 
-    def _contact_force(self, times: Array, v: Array, s: Array) -> Array:
-        """Return the forces of contacts and sliders, shape (c, n_times)."""
-        laws, record, first = self.system.contacts, self.record, self.contact_count
-        assert laws is not None
-        force = np.zeros((len(laws), times.size))
-        segments = np.clip(np.searchsorted(record.starts, times, side="right") - 1, 0, None)
-        for regime, mine in self.regimes(segments):
-            status = record.status(int(segments[mine[0]]))
-            states = self._states(regime, segments[mine], times[mine])
-            force[:, mine] = laws.force(s[:, mine], self.space.contacts @ v[:, mine], status[:, None])
-            held = np.flatnonzero(status == PINNED)
-            if regime.held:
-                force[np.ix_(held, mine)] = regime.reactions @ flat(states).T
-            assert regime.sliding is not None
-            force[np.ix_(np.arange(first, len(laws)), mine)] = regime.sliding.forces @ flat(states).T
-        return force
-
-    def _states(self, regime: Regime, segments: Integers, times: Array) -> Array:
-        """Return the states of all blocks at times in segments of one linear piece, shape (m, 2, M)."""
-        used, own = np.unique(segments, return_inverse=True)
-        begins = self.begins(regime, used)
-        return np.asarray(begins[own] + regime.changes(begins, own, times - self.record.starts[segments]))
-
-    def contacts(self, times: Array) -> ContactSamples:
-        """Return status, K_eq and force of the contacts at any times."""
-        first = self.contact_count
-        _, v, s = self._trajectory(times)
+    def status_at(self, times: Array) -> Integers:
+        """Return the status of all contacts and sliders at some times, shape (c, n_times)."""
         segments = np.clip(np.searchsorted(self.record.starts, times, side="right") - 1, 0, None)
-        status = np.array([self.record.status(int(k)) for k in segments]).reshape(times.size, -1).T[:first]
-        force = self._contact_force(times, v, s)[:first]
-        laws = self.system.contacts
-        assert laws is not None
-        stiffness = np.where(status == CLOSED, laws.stiffness[:first, None], 0.0)
-        return ContactSamples(status, np.where(status == PINNED, np.inf, stiffness), force)
+        return np.array(self.record.statuses)[self.record.status_numbers[segments]].T
 
     def friction(self, times: Array) -> FrictionSamples:
         """Return the sliders at any times."""
@@ -303,15 +273,12 @@ class SlidingSolution(EventSolution):
         t = np.append(times, record.starts + record.durations)
         force, slip, lost = np.zeros((3, k, t.size))
         status = np.zeros((k, t.size), dtype=np.int64)
-        for regime, mine in self.regimes(at):
+        for regime, mine, _, own, begins, moved in self.moved(t, at):
             assert regime.sliding is not None
-            used, own = np.unique(at[mine], return_inverse=True)
-            begins = self.begins(regime, used)
-            moved = regime.changes(begins, own, t[mine] - record.starts[at[mine]])
             states = flat(begins[own] + moved)
             signs = sliders.signs(record.status(int(at[mine[0]])))
             force[:, mine] = regime.sliding.forces @ states.T
-            slip[:, mine] = np.where(signs[:, None] != 0.0, regime.sliding.speeds @ states.T, 0.0)
+            slip[:, mine] = regime.sliding.speeds @ states.T
             status[:, mine] = signs[:, None].astype(np.int64)
             path = flat(moved) @ regime.coordinates[first:].T
             lost[:, mine] = (signs * sliders.limit)[:, None] * path.T
@@ -349,15 +316,12 @@ class SlidingSolution(EventSolution):
 
     def energies(self, times: Array) -> Energies:
         """Return energies, dissipation and work at any times; springs of sliders count as strain."""
-        z, v, s = self._trajectory(times)
+        (z, v), (s, force, status) = self.modal(times), self.pressed(times)
         first, laws = self.contact_count, self.system.contacts
         assert laws is not None
-        segments = np.clip(np.searchsorted(self.record.starts, times, side="right") - 1, 0, None)
-        status = np.array([self.record.status(int(k)) for k in segments]).reshape(times.size, -1).T
         contact = np.sum(np.where(status == CLOSED, laws.closed_energies(s), 0.0)[:first], axis=0)
-        force = self._contact_force(times, v, s)[first:]
         springs = np.where(self.sliders.rigid, np.inf, self.sliders.stiffness)[:, None]
-        stored = np.sum(0.5 * force**2 / springs, axis=0)
+        stored = np.sum(0.5 * force[first:] ** 2 / springs, axis=0)
         work, dissipated = work_and_dissipation(self.record, self.regimes, self.begins, times, self._lost_in_impacts())
         dissipated = dissipated + self.friction(times).dissipated.sum(axis=0)
         kinetic = 0.5 * np.sum(v**2, axis=0)

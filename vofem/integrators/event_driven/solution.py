@@ -17,6 +17,7 @@ from vofem.integrators.base import (
     ContactSamples,
     Energies,
     Sensitivity,
+    Truncation,
     status_at,
 )
 from vofem.integrators.event_driven.bounces import Bounces, bounces_of
@@ -95,7 +96,9 @@ class EventSolution:
     continuous = True
     springs = None
     probes = None
-    truncation = None
+    #: What a run in Ritz vectors leaves out, and these vectors, shape (n, n_modes); None where all modes are kept.
+    truncation: Truncation | None = None
+    vectors: Array | None = None
 
     def __init__(self, system: System, space: ModalSpace, t_end: float, times: Array, counters: Counters) -> None:
         self.t_end = t_end
@@ -110,7 +113,8 @@ class EventSolution:
         self.was_cut = False
         # The samples that were computed last, and whether they are kept here too.
         self._sampled: tuple[Any, list[weakref.ref[Array]]] | None = None
-        self._kept: tuple[Array, Array, Array] | None = None
+        self._kept: tuple[Array, Array] | None = None
+        self._pressed: tuple[bytes, tuple[Array, Array, Status]] | None = None
         #: How the run was computed, and so how it is sampled.
         self.compiled = compiled()
         self.record = Record(space.size, space.contacts.shape[0])
@@ -128,7 +132,7 @@ class EventSolution:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the solution without its last samples, which can be computed again."""
-        return {**self.__dict__, "_sampled": None, "_kept": None}
+        return {**self.__dict__, "_sampled": None, "_kept": None, "_pressed": None}
 
     @classmethod
     def restored(
@@ -159,8 +163,12 @@ class EventSolution:
 
     @property
     def modes(self) -> tuple[Array, Array]:
-        """Squared frequencies (n,) and shapes (n, n) of the modes without contacts."""
-        return self.space.stiffness, self.space.shapes
+        """Squared frequencies (n_modes,) and shapes (n, n_modes) of the modes without contacts."""
+        return self.space.stiffness, self._shapes
+
+    @cached_property
+    def _shapes(self) -> Array:
+        return self.space.shapes if self.vectors is None else self.vectors @ self.space.shapes
 
     @property
     def segments(self) -> Segments:
@@ -473,60 +481,107 @@ class EventSolution:
 
     @_evaluation
     def modal(self, times: Array) -> tuple[Array, Array]:
-        """Return modal displacements and velocities at any times, each of shape (n, n_times)."""
-        z, v, _ = self._trajectory(times, gaps=False)
-        return z, v
+        """Return modal displacements and velocities at any times, each of shape (n, n_times).
 
-    def _trajectory(self, times: Array, *, gaps: bool = True) -> tuple[Array, Array, Array]:
-        """Return `modal`, and the gap functions of the contacts, shape (n_contacts, n_times), where wanted.
-
-        The last samples are kept, because motion, contacts and energies are usually computed at the same times. If they
-        take much memory, they are used again only as long as a result holds them.
+        The last samples are kept, because motion and energies are usually computed at the same times. If they take much
+        memory, they are used again only as long as a result holds them.
         """
-        asked = times.tobytes(), gaps
+        asked = times.tobytes()
         if self._sampled is not None and self._sampled[0] == asked:
-            z, v, s = (part() for part in self._sampled[1])
-            if z is not None and v is not None and s is not None:
-                return z, v, s
-        found = self._sampled_at(times, gaps)
+            z, v = (part() for part in self._sampled[1])
+            if z is not None and v is not None:
+                return z, v
+        # In memory each row holds one time.
+        found = (np.empty((times.size, self.space.size)).T, np.empty((times.size, self.space.size)).T)
+        self._visit(times, found)
         # A few times, as those of an energy at the start, do not take the place of many.
         if times.size > 1 or self._sampled is None:
             self._sampled = asked, [weakref.ref(part) for part in found]
             self._kept = found if 2 * self.space.size * times.size <= _MOST_KEPT else None
         return found
 
-    def _sampled_at(self, times: Array, gaps: bool) -> tuple[Array, Array, Array]:
-        # In memory each row holds one time.
-        z, v = np.empty((times.size, self.space.size)), np.empty((times.size, self.space.size))
-        gaps = gaps and self.system.contacts is not None
-        s = np.empty((times.size, len(self.space.contacts) if gaps else 0))
-        record, rows = self.record, np.array(self.space.contacts)
-        segments = np.clip(np.searchsorted(record.starts, times, side="right") - 1, 0, None)
+    def moved(
+        self, times: Array, segments: NDArray[np.int64] | None = None
+    ) -> Iterator[tuple[Regime, NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], Array, Array]]:
+        """Yield linear pieces, places of times within them, and by how much states have changed there.
+
+        `segments` (shape (n_times,)): the segment of each time; by default the one in which it lies.
+        Each place comes with numbers of segments (k,), which of these it belongs to (m,), the states of all blocks at
+        their beginnings (k, 2, M), and the changes (m, 2, M).
+        """
+        starts, together = self.record.starts, max(_TOGETHER // max(self.space.size, 1), 1)
+        if segments is None:
+            segments = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, None)
         for regime, group in self.regimes(segments):
-            together = max(_TOGETHER // max(self.space.size, 1), 1)
             for mine in np.split(group, range(together, group.size, together)):
                 used, own = np.unique(segments[mine], return_inverse=True)
                 begins = self.begins(regime, used)
-                moved = regime.changes(begins, own, times[mine] - record.starts[segments[mine]])
+                yield regime, mine, used, own, begins, regime.changes(begins, own, times[mine] - starts[segments[mine]])
+
+    def _begun(self, regime: Regime, segments: NDArray[np.int64], begins: Array) -> tuple[Array, Array]:
+        """Return modal displacements and velocities at the beginnings of segments, each (k, n)."""
+        if regime.held:
+            return regime.to_modes(begins, shifted=True)
+        return self.record.buffers.displacement[segments], self.record.buffers.velocity[segments]
+
+    def status_at(self, times: Array) -> Status:
+        """Return the status of all contacts at some times, shape (n_contacts, n_times)."""
+        return status_at(self.events, times)
+
+    @_evaluation
+    def pressed(self, times: Array) -> tuple[Array, Array, Status]:
+        """Return gap functions in m, forces in N and status of all contacts, each (n_contacts, n_times).
+
+        They are rows over the states of blocks, so that no modes are computed. The last ones are kept.
+        """
+        known = self._pressed is not None and self._pressed[0] == times.tobytes()
+        return self._pressed[1] if known and self._pressed is not None else self._visit(times)
+
+    def _visit(self, times: Array, modes: tuple[Array, Array] | None = None) -> tuple[Array, Array, Status]:
+        """Return `pressed`, and fill in modal displacements and velocities, each (n, n_times)."""
+        laws, rows, record = self.system.contacts, self.space.contacts, self.record
+        s, rates, held = np.empty((len(rows), times.size)), np.zeros((len(rows), times.size)), []
+        damped = laws is not None and bool(np.any(laws.damping))
+        for regime, mine, used, own, begins, moved in self.moved(times):
+            first, rate = self._begun(regime, used, begins)
+            if modes is not None:
                 displacement, velocity = regime.to_modes(moved)
-                first, rate = record.buffers.displacement[used], record.buffers.velocity[used]
-                if regime.held:
-                    first, rate = regime.to_modes(begins, shifted=True)
-                if gaps:
-                    s[mine] = record.buffers.gaps[segments[mine]] + displacement @ rows.T
-                    if regime.stops is not None:
-                        s[mine] += moved[:, 0, : regime.loads] @ regime.stops.drift.T
-                z[mine], v[mine] = first[own] + displacement, rate[own] + velocity
-        return z.T, v.T, s.T
+                modes[0].T[mine], modes[1].T[mine] = first[own] + displacement, rate[own] + velocity
+            if laws is None:
+                continue
+            s[:, mine] = record.buffers.gaps[used].T[:, own] + regime.coordinates @ flat(moved).T
+            if damped:
+                speed = rows @ rate.T
+                rates[:, mine] = speed[:, own] + regime.over_blocks(rows)[len(rows) :] @ flat(moved).T
+            if regime.held:
+                number = np.flatnonzero(record.status(int(used[0])) == PINNED)
+                # The interval's ends are roots, found to rounding.
+                jump = np.where(laws.rigid, np.inf, laws.stiffness * laws.gap)[number, None]
+                held.append((number, mine, np.clip(regime.reactions @ flat(begins[own] + moved).T, 0.0, jump)))
+            if regime.sliding is not None:
+                number = np.arange(regime.sliding.sliders.first, len(laws))
+                held.append((number, mine, regime.sliding.forces @ flat(begins[own] + moved).T))
+        if laws is None:
+            return s, rates, np.zeros(s.shape, dtype=np.int64)
+        if self.moving is not None:
+            rates = rates + self.moving.rate(times)
+        status = self.status_at(times)
+        force = laws.force(s, rates, status)
+        for number, mine, values in held:
+            force[np.ix_(number, mine)] = values
+        # As in `modal`.
+        if times.size > 1 or self._pressed is None:
+            self._pressed = times.tobytes(), (s, force, status)
+        return s, force, status
 
     @_evaluation
     def sample(self, times: Array) -> ModalSamples:
         """Return the motion at any times; the acceleration is that of the equation of motion."""
-        z, v, s = self._trajectory(times)
-        return ModalSamples(self.space.shapes, z, v, lambda: self._acceleration(times, z, v, s))
+        z, v = self.modal(times)
+        return ModalSamples(self._shapes, z, v, lambda: self._acceleration(times, z, v))
 
     @_evaluation
-    def _acceleration(self, times: Array, z: Array, v: Array, s: Array) -> Array:
+    def _acceleration(self, times: Array, z: Array, v: Array) -> Array:
         space = self.space
         # A time is a row in memory, as in the samples.
         rows = -space.stiffness * z.T
@@ -537,44 +592,19 @@ class EventSolution:
         if self.load_functions:
             rows += np.column_stack([function(times) for function in self.load_functions]) @ self.load_vectors
         if self.system.contacts is not None:
-            rows -= self._contact_force(times, v, s).T @ space.contacts
+            rows -= self.pressed(times)[1].T @ space.contacts
         return rows.T
 
-    def _contact_force(self, times: Array, v: Array, s: Array) -> Array:
-        laws = self.system.contacts
-        assert laws is not None
-        rate = self.space.contacts @ v
-        if self.moving is not None:
-            rate = rate + self.moving.rate(times)
-        force = laws.force(s, rate, status_at(self.events, times))
-        if not any(np.any(status == PINNED) for status in self.record.statuses):
-            return force
-        starts = self.record.starts
-        segments = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, None)
-        for regime, mine in self.regimes(segments):
-            if regime.held:
-                held = np.flatnonzero(self.record.status(segments[mine[0]]) == PINNED)
-                used, own = np.unique(segments[mine], return_inverse=True)
-                begins = self.begins(regime, used)
-                states = begins[own] + regime.changes(begins, own, times[mine] - starts[segments[mine]])
-                # The interval's ends are roots, found to rounding.
-                jump = np.where(laws.rigid[held], np.inf, laws.stiffness[held] * laws.gap[held])[:, None]
-                reaction = regime.reactions @ flat(states).T
-                force[np.ix_(held, mine)] = np.clip(reaction, 0.0, jump)
-        return force
-
-    @_evaluation
     def contacts(self, times: Array) -> ContactSamples:
         """Return status, K_eq and force of the contacts at any times."""
         laws = self.system.contacts
         assert laws is not None
-        _, v, s = self._trajectory(times)
-        status = status_at(self.events, times)
-        force = self._contact_force(times, v, s)
+        _, force, status = self.pressed(times)
         stiffness = np.where(status == CLOSED, laws.stiffness[:, None], 0.0)
         gap = np.where(laws.gap > 0, laws.gap, 1.0)[:, None]
         held = np.where(laws.rigid[:, None], np.inf, force / gap)
-        return ContactSamples(status, np.where(status == PINNED, held, stiffness), force)
+        own = slice(self.events.initial.size)
+        return ContactSamples(status[own], np.where(status == PINNED, held, stiffness)[own], force[own])
 
     @cached_property
     @_evaluation
@@ -619,11 +649,12 @@ class EventSolution:
         from vofem.integrators.event_driven.energy import work_and_dissipation
 
         system, space = self.system, self.space
-        z, v, s = self._trajectory(times)
+        z, v = self.modal(times)
         contact, work, dissipated = np.zeros((3, times.size))
         damped, pinning = system.damped, None
         if system.contacts is not None:
-            contact = system.contacts.closed_potential(s, status_at(self.events, times))
+            s, _, status = self.pressed(times)
+            contact = system.contacts.closed_potential(s, status)
             damped = damped or bool(np.any(system.contacts.damping > 0))
             pinning = self._lost_in_impacts()
         if (damped or system.loads or pinning is not None) and times.size:

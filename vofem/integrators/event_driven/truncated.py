@@ -15,7 +15,6 @@ import numpy as np
 from vofem.arrays import Array
 from vofem.errors import MethodError
 from vofem.integrators.base import Truncation
-from vofem.integrators.event_driven.lifted import TruncatedSolution
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.reduction import Reduction, input_rows
 from vofem.integrators.registry import advice
@@ -52,10 +51,9 @@ def run_truncated(
     system: System,
     start: State,
     t_end: float,
-    times: Array,
     tolerance: float,
     follow: Callable[[System, State], EventSolution],
-) -> TruncatedSolution | None:
+) -> EventSolution | None:
     """Return the run with as many Ritz vectors as the tolerance asks for; None where that is no reduction.
 
     `tolerance`: accepted relative error of displacements.
@@ -99,7 +97,36 @@ def run_truncated(
     solution.counters.eigensolves = eigensolves
     solution.counters.factorizations += 2
     kept = Truncation(vectors.shape[1], system.size, error, until, reduction.rounding)
-    return TruncatedSolution(solution, vectors, times, kept, tolerance, bool(np.any(system.rotation)))
+    return lifted(solution, vectors, kept, tolerance, bool(np.any(system.rotation)))
+
+
+def lifted(solution: EventSolution, vectors: Array, kept: Truncation, tolerance: float, beams: bool) -> EventSolution:
+    """Return a run in Ritz vectors (n, count), given in the degrees of freedom that these stand for.
+
+    `tolerance`: relative error of displacements that the user accepts.
+    `beams`: whether there are slopes among the degrees of freedom.
+    """
+    solution.vectors, solution.truncation = vectors, kept
+    solution.notes[:0] = _notes(kept, tolerance, solution.t_end, beams)
+    return solution
+
+
+def _notes(kept: Truncation, tolerance: float, t_end: float, beams: bool) -> list[str]:
+    beyond = "" if kept.until >= t_end else f"; it stays within {tolerance:g} until t = {kept.until:.4g} s"
+    fine = 4.0 * np.finfo(float).eps * kept.unknowns**2
+    differences = ""
+    if beams:
+        differences = (
+            "; bending moments and shear forces, second and third differences of them, lose up to about "
+            f"{fine:.0e} and {fine * kept.unknowns:.0e} (support reactions do not)"
+        )
+    return [
+        f"truncation: {kept.vectors} Ritz vectors, static responses to contacts and loads among them, stand for "
+        f"{kept.unknowns} degrees of freedom; by comparison with half as many, displacements at contacts and loads "
+        f"are off by about {kept.error:.1e} of their largest value{beyond}; accelerations are off by more, most of all "
+        "at a start, at kinks and steps of loads, and in the first moments after impacts",
+        f"rounding: two orders of elimination differ by {kept.rounding:.1e} of the displacements{differences}",
+    ]
 
 
 def _extrapolated(errors: list[float]) -> float:

@@ -22,7 +22,7 @@ _CHUNK_WORK = 200_000
 _PLAIN_WORK = 10_000
 
 #: Steps of one call at most.
-_MOST_STEPS = 8192
+_MOST_STEPS = 16384
 
 #: Rows of a path for steps that are cut.
 _ROOM = 40
@@ -79,12 +79,12 @@ class EqualSteps(Run):
             self.nodes = nodes[-1]
         with self.kicked(path):
             if self.sliders is not None and self.sliders.chosen:
-                solves = self.taken = self.sliders.steps(self, path, t, forcing)
+                solves = self.taken = self.sliders.steps(self, path, dt, t, forcing, cut=True)
                 solves = -1 if self.sliders.lost else solves
             else:
                 solves = self.steps(path, dt, t, forcing, pots)
                 if self.taken:
-                    self.enter(path, dt, t[: self.taken], Forcing(*(part[: self.taken] for part in forcing)))
+                    self.enter(path, dt, t[: self.taken], forcing.part(0, self.taken))
         if self.taken and scheme.explicit:
             self.load = nodes[self.taken] @ self.size(dt).loads
         self.done += self.taken

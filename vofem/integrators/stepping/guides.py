@@ -27,17 +27,18 @@ class Guides:
         self.act = structure.special or self.movement is not None or (sliders is not None and sliders.belts)
 
     def over(
-        self, path: Path, times: Array, equations: Equations, status: IntArray | None
+        self, path: Path, times: Array, equations: Equations, status: IntArray | None, fixed: bool
     ) -> tuple[Equations, Array | None, Rules | None]:
         """Return equations, `drift` and `rules` for steps on from the last row of a path, see `kernel.advance`.
 
         `times`: of all ends of the steps, and one step ahead, s.
-        `status` (shape (k,)): of sliders, where it is given.
+        `status` (shape (k,)): of sliders at the start, where it is given.
+        `fixed`: whether they keep it.
         """
         if not self.act:
             return equations, None, None
         drift = self.drift(path, path.filled, times)
-        rules = self.rules(times, status) if self.structure.special else None
+        rules = self.rules(times, status, fixed) if self.structure.special else None
         if rules is not None and self.structure.travels:
             assert self.movement is not None
             rows, rates = self.movement.rows(times)
@@ -53,13 +54,14 @@ class Guides:
             mine, sliders = self.sliders.rows, self.sliders
             drift[0, :, mine] = path.chunk.u[row, mine] - sliders.matrix @ path.chunk.q[row]
             drift[0, 1:, mine] -= np.cumsum(sliders.ways(times), axis=0)
-            drift[1, :, mine] = -np.array([sliders.speeds(float(t)) for t in times])
+            drift[1, :, mine] = -sliders.speeds(times)
         return drift
 
-    def rules(self, times: Array, status: IntArray | None) -> Rules:
-        """Return what rows do in steps between all times but the last one, which is a step ahead."""
+    def rules(self, times: Array, status: IntArray | None, fixed: bool = False) -> Rules:
+        """Return what rows do in steps between all times but the last one, which is a step ahead, see `over`."""
         m, steps = len(self.laws), times.size - 2
-        kind, push = np.full((steps, m), ACTS), np.zeros((steps, m))
+        kind, push, slides = np.full((steps, m), ACTS), np.zeros((2, steps, m)), np.zeros(m, dtype=np.int64)
+        push[1] = np.inf
         present, away = np.ones((steps + 1, m), dtype=bool), np.zeros(m)
         anchored, springs = np.zeros((2, m), dtype=bool)
         pressing, normal = np.full(m, -1), np.zeros((steps + 1, m))
@@ -70,12 +72,17 @@ class Guides:
         if self.sliders is not None:
             mine, sliders, part = self.sliders.rows, self.sliders, self.structure.scheme.part
             status = sliders.now.status if status is None else status
-            kind[:, mine], push[:, mine] = sliders.kinds(status, sliders.normals(times[:-1], part))
+            kind[:, mine] = np.where(sliders.rigid, np.where(status == 0, HOLDS, PUSHES), ACTS)
+            slides[mine], balanced = status, sliders.normals(times[:-1], part)
+            push[0, :, mine] = sliders.limit * balanced
+            if not fixed:
+                push[1, :, mine] = np.where(sliders.rigid, sliders.static * balanced, np.inf)
             anchored[mine], pressing[mine], normal[:, mine] = True, sliders.pressing, sliders.normals(times[:-1], None)
             springs[mine] = ~sliders.rigid & sliders.varying
         stride = m if self.structure.travels else 0
         return Rules(
-            stride, self.structure.compressed, kind, present, away, anchored, push, pressing, springs, normal
+            stride, self.structure.compressed, kind, present, away, anchored, push, slides, steps > 1, pressing,
+            springs, normal,
         )  # fmt: skip
 
     def acceleration(self, path: Path, row: int, times: Array, mass: Array, right: Array, reaction: Array) -> Array:
@@ -97,7 +104,7 @@ class Guides:
             solve(mass, answer)
         while True:
             rules = self.rules(times, status)
-            kind, push = rules.kind[0], rules.push[0]
+            kind, push = rules.kind[0], rules.status * rules.push[0, 0]
             pressed = np.where(rules.pressing >= 0, np.maximum(reaction[np.maximum(rules.pressing, 0)], 0.0), 1.0)
             reaction[kind == PUSHES] = (push * pressed)[kind == PUSHES]
             held = np.flatnonzero(kind == HOLDS)

@@ -34,13 +34,16 @@ from vofem.integrators.stepping.reactions import (
     CORRECT,
     FINISH,
     FORCES_AT,
-    HOLDS,
     KIND,
+    LIMIT,
     PER,
     PRESSING,
+    PUSH,
     PUSHES,
+    REACHED,
     SEARCH,
     SPRUNG,
+    STATUS,
     TARGET,
     U0,
     Reactions,
@@ -53,7 +56,7 @@ from vofem.laws.law import FIRST, FORCE, Laws, Way, ask
 from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.laws.springpot_steps import Springpots, begin_springpots, end_springpots
 from vofem.linalg.banded import solve, subtract_product
-from vofem.linalg.vectors import copy, fill
+from vofem.linalg.vectors import copy, fill, multiply_transposed
 
 #: A correction of the mean velocity above this fraction of it is corrected again.
 _SMALL = 2.0**-6
@@ -68,6 +71,7 @@ class Numbers(NamedTuple):
     cva: float
     cvw: float
     alpha_m: float
+    lag: float  #: Time from that of accelerations to the end of the step, over the step.
     way: Way  #: How laws act.
     per_y: float  #: Rise of what a law depends on with ``b_j.w``, its coordinate or in explicit steps its rate.
     part: float  #: Weight of a law's force in the balance of the step.
@@ -95,7 +99,11 @@ class Rules(NamedTuple):
     away: Array  #: Coordinates of laws that find nothing, shape (m,).
     #: Whether a row that holds keeps the place where it is, and not its coordinate at zero, shape (m,).
     anchored: NDArray[np.bool_]
-    push: Array  #: Forces of rows that push, N; over the normal force where another law presses. Shape (steps, m).
+    #: Of sliders the force that pushes while they slide, and that up to which they hold, inf for ever, N; over the
+    #: normal force where another law presses. Shape (2, steps, m).
+    push: Array
+    status: NDArray[np.int64]  #: Direction in which a slider slides at the start, 0 where it sticks, shape (m,).
+    stops: bool  #: Whether to stop before a step within which a slider turns.
     pressing: NDArray[np.int64]  #: Number of the law that presses, -1 for none, shape (m,).
     #: Laws that know the normal force at both ends of a step, as the last two of five numbers, shape (m,).
     springs: NDArray[np.bool_]
@@ -127,6 +135,7 @@ class Chunk(NamedTuple):
     past: Array  #: Internal variables of laws, shape (steps + 1, s).
     #: Mean force of springpots over the step, N, and energy stored at its end, J, shape (steps + 1, n_pots, 2).
     pots: Array
+    ends: Array  #: Accelerations at the ends of steps where `a` lags behind, shape (steps + 1, n); else (steps + 1, 0).
 
 
 class Work(NamedTuple):
@@ -137,11 +146,14 @@ class Work(NamedTuple):
     reactions: Reactions
 
 
-def work_space(equations: Equations, size: Size) -> tuple[Work, Any]:
-    """Return work space for steps of sizes like one, and what must be kept as long as it is used."""
+def work_space(equations: Equations, size: Size, slides: bool) -> tuple[Work, Any]:
+    """Return work space for steps of sizes like one, and what must be kept as long as it is used.
+
+    `slides`: whether there are rigid sliders.
+    """
     n, m = size.factored.shape[1], equations.laws.table.shape[0]
     coupling = size.coupling if size.coupling.size else np.zeros((m, m))
-    reactions, kept = reactions_of(equations.laws, equations.rows, coupling, size.factored, size.banded)
+    reactions, kept = reactions_of(equations.laws, equations.rows, coupling, size.factored, size.banded, slides)
     return Work(np.zeros((4, n)), reactions), kept
 
 
@@ -170,6 +182,19 @@ def _between(into: Array, x: Array, part: float, y: Array) -> None:
 @plain_form(_between)
 def _plain_between(into: Array, x: Array, part: float, y: Array) -> None:
     into[:] = (1.0 - part) * x + part * y
+
+
+@jit
+def _ahead(q0: Array, v0: Array, a0: Array, dt: float, cq: float, cv: float, q1: Array, v1: Array) -> None:
+    """Let ``q1 = q0 + dt v0 + cq a0`` and ``v1 = v0 + cv a0``."""
+    for i in range(q0.size):
+        q1[i] = q0[i] + dt * v0[i] + cq * a0[i]
+        v1[i] = v0[i] + cv * a0[i]
+
+
+@plain_form(_ahead)
+def _plain_ahead(q0: Array, v0: Array, a0: Array, dt: float, cq: float, cv: float, q1: Array, v1: Array) -> None:
+    q1[:], v1[:] = q0 + dt * v0 + cq * a0, v0 + cv * a0
 
 
 @jit
@@ -204,8 +229,8 @@ def _plain_largest(x: Array) -> float:
 @jit
 def advance(
     equations: Equations, numbers: Numbers, factored: Array, coupling: Array, dampers: bool, pots: Springpots | None,
-    drift: Array | None, rules: Rules | None, force: Array, shift: Array, earlier: Array | None, chunk: Chunk,
-    work: Work,
+    drift: Array | None, rules: Rules | None, values: Array, loads: Array, shift: Array, earlier: Array | None,
+    chunk: Chunk, work: Work,
 ) -> tuple[int, int]:  # fmt: skip
     """Take the steps that a chunk has rows for.
 
@@ -216,17 +241,18 @@ def advance(
     `drift` (shape (2, steps + 2, m)): what is added to the laws' coordinates ``b.q`` at the ends of steps, and one step
     ahead, m, and its rates.
     `rules`: what rows do that are no laws at fixed places; not without `drift`.
-    `force` (shape (steps, n)): loads in the balance of every step; no rows where there are none.
+    `values` (shape (steps, k)), `loads` (shape (k, n)): in the balance of every step, as sums of values times loads.
     `shift` (shape (steps, n)): mean velocity less the mean rate of displacement, m/s; no rows where it is zero.
     `earlier` (shape (n,)): mean acceleration over the step before that before the first one; None where laws do not act
     by mean forces.
-    Returns `taken, solves`: number of steps, fewer than asked for where the next one has no solution; and of those in
-    which a law acted.
+    Returns `taken, solves`: number of steps, fewer than asked for where the next one has no solution, or where
+    `rules.stops` before it; and of those in which a law acted.
     """
     mass, stiffness, damping, rows, laws = borrowed(equations)
     chunk, work, factored, coupling = borrowed(chunk), borrowed(work), borrowed(factored), borrowed(coupling)
-    force, shift = borrowed(force), borrowed(shift)
+    values, loads, shift = borrowed(values), borrowed(loads), borrowed(shift)
     reactions, place, kind = work.reactions, work.reactions.place, work.reactions.whole[KIND]
+    status = work.reactions.whole[STATUS]
     right, x, p, some = work.vectors[0], work.vectors[1], work.vectors[2], work.vectors[3]
     held, u_before, base, rate, before, last, origin, apart, y, asked, found, more, damper = named(reactions)
     dt, b, mean, half = numbers.way.dt, numbers.b, numbers.way.mean, numbers.b * numbers.way.dt * numbers.cvw
@@ -235,6 +261,8 @@ def advance(
         stride = rules.stride
     way, explicit, weight = numbers.way, numbers.way.explicit, numbers.part
     damped, shifted, past = damping.shape[0] > 0, shift.shape[0] > 0, laws.state.size > 0
+    if m == 0:
+        x = right
     # Whether forces are known before the acceleration, so that nothing is searched.
     known = explicit and not dampers and rules is None
     if past:
@@ -248,9 +276,7 @@ def advance(
         if earlier is not None:
             _sum(p, v0, half, earlier if k == 0 else chunk.a[k - 1])
         else:
-            _sum(q1, q0, dt, v0)
-            _sum(q1, q1, dt * dt * numbers.cqa, a0)
-            _sum(v1, v0, dt * numbers.cva, a0)
+            _ahead(q0, v0, a0, dt, dt * dt * numbers.cqa, dt * numbers.cva, q1, v1)
         for j in range(m):
             if not known:
                 u_before[j], before[j], last[j] = chunk.u[k, j], chunk.damper[k, j], chunk.reaction[k, j]
@@ -267,10 +293,7 @@ def advance(
             begin_springpots(pots, k, laws, way, chunk.pots, u_before, base, rate)
         solved, turned = 0, False
         for again in range(4):
-            if force.shape[0] > 0:
-                copy(force[k], right)
-            else:
-                fill(right, 0.0)
+            multiply_transposed(loads, values[k], right)
             if earlier is not None:
                 # Forces first: on fine meshes they cancel, and what inertia adds must not be rounded to their size.
                 _sum(some, q0, b * dt, p)
@@ -315,13 +338,14 @@ def advance(
                 for j in range(m):
                     held[j] = found[j]
                     _pull(rows, here, there, j, kind[j], mean, b, weight * found[j], right)
-            copy(right, x)
+            if m > 0:
+                copy(right, x)
             solve(factored, x)
             if m > 0 and not known and (solved or again == 0):
                 for j in range(m):
                     origin[j], row = rate[j] if explicit else base[j], there + j
                     if rules is not None:  # noqa: SIM102
-                        if kind[j] == HOLDS:
+                        if kind[j] != ACTS:
                             assert drift is not None
                             origin[j] = base[j]
                             if not mean:
@@ -356,7 +380,13 @@ def advance(
             if not explicit:
                 _sum(q1, q1, dt * dt * numbers.cqw, x)
             _sum(v1, v1, dt * numbers.cvw, x)
-            _between(a1, a0, 1.0 / (1.0 - numbers.alpha_m), x)
+            if numbers.alpha_m == 0.0:
+                copy(x, a1)
+            else:
+                _between(a1, a0, 1.0 / (1.0 - numbers.alpha_m), x)
+            if numbers.lag != 0.0:
+                _difference(chunk.ends[k + 1], numbers.lag, a1, a0)
+                _sum(chunk.ends[k + 1], chunk.ends[k + 1], 1.0, a1)
         for j in range(m):
             y[j] = base[j] if explicit else dot(rows, there + j, q1)
             if drift is not None and not explicit:
@@ -364,8 +394,11 @@ def advance(
             if rules is not None:  # noqa: SIM102
                 if not rules.present[k + 1, j]:
                     y[j] = rules.away[j]
-            if dampers:
-                rate[j] = _rate(rows, rules, drift, k, there + j, q1, v1, dampers)
+            if dampers or rules is not None:
+                rate[j] = _rate(rows, rules, drift, k, there + j, q1, v1, True)
+            if rules is not None:  # noqa: SIM102
+                if rules.stops and (status[j] != rules.status[j] or rate[j] * status[j] < 0.0):
+                    return k, solves
             chunk.u[k + 1, j], chunk.reaction[k + 1, j] = y[j], found[j]
         if dampers or past:
             call(reactions.laws, place, y, 0, y, 0, FINISH, 0.0)
@@ -419,17 +452,18 @@ def _prepare(
     mean, dt, stride, whole, reach = numbers.way.mean, numbers.way.dt, rules.stride, reactions.whole, reactions.coupling
     u0, per, target = reactions.of_laws[U0], reactions.of_laws[PER], reactions.of_laws[TARGET]
     ahead = dt * dt * (numbers.cvw + 0.5)
+    push, limit, reached = reactions.of_laws[PUSH], reactions.of_laws[LIMIT], reactions.of_laws[REACHED]
     for j in range(per.size):
-        kind = rules.kind[k, j]
+        kind, status = rules.kind[k, j], rules.status[j]
         whole[KIND, j], whole[PRESSING, j], whole[SPRUNG, j] = kind, rules.pressing[j], rules.springs[j]
+        whole[STATUS, j], push[j], limit[j], reached[j] = status, rules.push[0, k, j], rules.push[1, k, j], 0.0
         per[j], target[j] = numbers.per_y, 0.0
-        if kind == HOLDS:
-            if mean and rules.anchored[j]:
-                target[j] = u0[j]
-            if not mean:
-                per[j] = ahead if rules.anchored[j] else ahead + dt * dt * numbers.cqw
-        elif kind == PUSHES:
-            target[j] = rules.push[k, j]
+        if kind != ACTS and not mean:
+            per[j] = ahead if rules.anchored[j] else ahead + dt * dt * numbers.cqw
+        if kind == PUSHES:
+            target[j] = status * push[j]
+        elif mean and rules.anchored[j]:
+            target[j] = u0[j]
         if rules.springs[j] and rules.pressing[j] < 0:
             at = laws.table[j, FIRST] + 3
             laws.parameters[at], laws.parameters[at + 1] = rules.normal[k, j], rules.normal[k + 1, j]
@@ -440,5 +474,5 @@ def _prepare(
             _pull(rows, k * stride, (k + 1) * stride, j, whole[KIND, j], mean, numbers.b, -1.0, answer)
             solve(factored, answer)
         for i in range(per.size):
-            row = (k + 2 if whole[KIND, i] == HOLDS and not mean else k + 1) * stride + i
+            row = (k + 2 if whole[KIND, i] != ACTS and not mean else k + 1) * stride + i
             reach[i, j] = per[i] * share * (dot(rows, row, answer) if stride > 0 else compliance[i, j])

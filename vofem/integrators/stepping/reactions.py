@@ -16,6 +16,9 @@ follows from its answer. Where forces do not fall, R minimises a convex function
 of its derivative leads to the only minimum from any start. Rows that hold, push or are absent agree with their demands
 after the first whole step, and in all parts of later ones.
 
+A rigid slider holds while it sticks, and pushes while it slides. Where one does not agree with its force, it changes,
+and the search begins anew from the forces found.
+
 Kernels find these functions by their addresses and what they take by one table of places, so that they are compiled
 once, and only where a scene has laws.
 """
@@ -57,6 +60,9 @@ _PATIENCE = 30
 #: Slope of the convex function at the end of a full Newton step, over that at its start, up to which it is taken.
 _FLAT = 1e-12
 
+#: Times that all sliders which do not agree may change at once; later only the first one does, which ends circles.
+_AT_ONCE = 8
+
 #: Response to a reaction within a step, over the coordinate, above which the reaction is corrected from its law.
 _TURNED = 4.0
 
@@ -73,31 +79,37 @@ SEARCH, CORRECT = range(2)
 #: Rows of the numbers of the laws, (n, m). Given: reactions that the residual holds already, coordinates at the start,
 #: those that the state found so far has at the end, and their rates; mean forces of dampers in the step before, and
 #: reactions at its end; u without reactions is ``ORIGIN + PER APART``; places of rows that hold, or forces of those
-#: that push. Found: reactions, what they are beyond those held, and forces of dampers.
-HELD, U0, BASE, RATE, BEFORE, LAST, ORIGIN, PER, APART, TARGET, FOUND, MORE, DAMPER = range(13)
+#: that push; of sliders the force that pushes, and that up to which they hold (inf: for ever), per normal force.
+#: Found: reactions, what they are beyond those held, forces of dampers, and those at which sliders have broken away.
+(
+    HELD, U0, BASE, RATE, BEFORE, LAST, ORIGIN, PER, APART, TARGET, PUSH, LIMIT, FOUND, MORE, DAMPER, REACHED
+) = range(16)  # fmt: skip
 #: Then work space: u, and without reactions; the sizes of the terms that it is a sum of; forces that rows ask for, and
 #: their slopes, also over the force of the law that presses; a step of R, and how it moves u.
-Y, FREE, SIZE, FORCES, SLOPE, SHARE, STEP, MOVE, _SOLUTION = range(13, 22)
+Y, FREE, SIZE, FORCES, SLOPE, SHARE, STEP, MOVE, _SOLUTION = range(16, 25)
+_NUMBERS_OF_LAWS = 25
 
 #: Rows of whole numbers of the laws: what the row does, the law that presses or -1, whether the law takes the normal
-#: forces at both ends of a step, as the last two of five numbers; and work space.
-KIND, PRESSING, SPRUNG, _ACTIVE = range(4)
+#: forces at both ends of a step, as the last two of five numbers; of sliders, the direction in which they slide, or 0;
+#: and work space.
+KIND, PRESSING, SPRUNG, STATUS, _ACTIVE = range(5)
 
 #: The numbers: those of `Way`, the rise of u with ``b_j.x``, and the part of a reaction in the balance of a step.
 MEAN_FORCES, EXPLICIT, NOW, EARLIER, STEP_SIZE, PER_Y, PART = range(7)
 
-#: Entries of the table: sizes, addresses of `_ask_laws` and `_in_band` (or 0), and places of arrays.
+#: Entries of the table: sizes, addresses of `_ask_laws`, `_react` and `_in_band` (or 0), and places of arrays.
 (
-    _COUNT, _SIZE_OF_BAND, _UNKNOWNS, _ENTRIES, _PARAMETERS_SIZE, _STATE_SIZE, _ASK, _BAND, _NUMBERS, _OF_LAWS, _WHOLE,
-    _COUPLING, _MATRIX, _TABLE, _PARAMETERS, _STATE, _START, _COLUMN, _WEIGHT, _FACTORED, _SPARE, _FACTORED_SIZE,
-) = range(22)  # fmt: skip
+    _COUNT, _SIZE_OF_BAND, _UNKNOWNS, _ENTRIES, _PARAMETERS_SIZE, _STATE_SIZE, _ASK, _REACT, _BAND, _NUMBERS,
+    _OF_LAWS, _WHOLE, _COUPLING, _MATRIX, _TABLE, _PARAMETERS, _STATE, _START, _COLUMN, _WEIGHT, _FACTORED, _SPARE,
+    _FACTORED_SIZE,
+) = range(23)  # fmt: skip
 
 
 class Reactions(NamedTuple):
     """How kernels ask laws and reactions, ``call(address, place, numbers, 0, numbers, 0, question, 0.0)``."""
 
     laws: int  #: Address of `_ask_laws`.
-    address: int  #: Of `_react`.
+    address: int  #: Of `_react`, or `_slide` where there are rigid sliders.
     place: int  #: Of the table.
     numbers: Array
     of_laws: Array
@@ -108,19 +120,20 @@ class Reactions(NamedTuple):
 
 
 def reactions_of(
-    laws: Laws, rows: Rows, coupling: Array, factored: Array, banded: bool
+    laws: Laws, rows: Rows, coupling: Array, factored: Array, banded: bool, slides: bool
 ) -> tuple[Reactions, list[NDArray[Any]]]:
     """Return how kernels ask laws and reactions in steps whose matrices have these shapes, and arrays to keep."""
     m, n = laws.table.shape[0], factored.shape[1]
-    numbers, of_laws, whole = np.zeros(7), np.zeros((22, m)), np.zeros((4, m), dtype=np.int64)
+    numbers, of_laws, whole = np.zeros(7), np.zeros((_NUMBERS_OF_LAWS, m)), np.zeros((5, m), dtype=np.int64)
     whole[PRESSING] = -1
     coupling, matrix, spare, factored = (np.zeros_like(part) for part in (coupling, coupling, factored[0], factored))
     kept: list[NDArray[Any]] = [numbers, of_laws, whole, coupling, matrix, *laws, *rows, factored, spare]
-    kernels = ((_ask_laws, m > 0), (_react, m > 0), (_in_band, banded))
-    ask_laws, react, band = (address_of(cast(CompiledFunction, it)) if used else 0 for it, used in kernels)
+    kernels = ((_ask_laws, m > 0), (_react, m > 0), (_in_band, banded), (_slide, slides))
+    ask_laws, react, band, slide = (address_of(cast(CompiledFunction, it)) if used else 0 for it, used in kernels)
     sizes = [m, coupling.shape[0], n, rows.weight.size, laws.parameters.size, laws.state.size]
-    table = np.array([*sizes, ask_laws, band, *map(place_of, kept), factored.shape[0]])
-    return Reactions(ask_laws, react, place_of(table), numbers, of_laws, whole, coupling, factored), [table, *kept]
+    table = np.array([*sizes, ask_laws, react, band, *map(place_of, kept), factored.shape[0]])
+    search = slide or react
+    return Reactions(ask_laws, search, place_of(table), numbers, of_laws, whole, coupling, factored), [table, *kept]
 
 
 def begin_reactions(
@@ -151,14 +164,14 @@ def _ask_laws(place: int, p: Any, z: Any, question: float, part: float) -> float
 
     The sum is that of the magnitudes of forces, and NaN or infinite where a force is; or the slope along a step.
     """
-    at = shaped(integers(place), (22,))
+    at = shaped(integers(place), (23,))
     m, answer = at[_COUNT], 0.0
     laws = Laws(
         shaped(integers(at[_TABLE]), (m, 6)), shaped(floats(at[_PARAMETERS]), (at[_PARAMETERS_SIZE],)),
         shaped(floats(at[_STATE]), (at[_STATE_SIZE],)),
     )  # fmt: skip
     numbers = shaped(floats(at[_NUMBERS]), (7,))
-    w, whole = shaped(floats(at[_OF_LAWS]), (22, m)), shaped(integers(at[_WHOLE]), (4, m))
+    w, whole = shaped(floats(at[_OF_LAWS]), (_NUMBERS_OF_LAWS, m)), shaped(integers(at[_WHOLE]), (5, m))
     mean, explicit, weight = numbers[MEAN_FORCES] > 0.0, numbers[EXPLICIT] > 0.0, numbers[PART]
     way = Way(mean, explicit, numbers[NOW], numbers[EARLIER], numbers[STEP_SIZE])
     for j in range(m):
@@ -199,10 +212,9 @@ def _ask_laws(place: int, p: Any, z: Any, question: float, part: float) -> float
         elif kind == PUSHES:
             force = w[TARGET, j]
             if presses >= 0:
-                # Of laws that act at ends of steps, the force at the start takes part in the balance too.
-                normal = weight * w[FOUND, presses] + (1.0 - weight) * w[LAST, presses]
+                normal = _pressed(w, presses, weight)
                 share = force * weight if normal > 0.0 else 0.0
-                force *= max(normal, 0.0)
+                force *= normal
         w[FORCES, j], w[SLOPE, j], w[SHARE, j], w[STEP, j] = force, slope, share, force - w[FOUND, j]
         answer += abs(force)
     return answer
@@ -215,9 +227,9 @@ def _react(place: int, p: Any, z: Any, question: float, unused: float) -> float:
     Returns the number of Newton steps, 0 where no law acts, and -1 where there is no solution; half more than this
     number where reactions are to be corrected, because their rounding leaves the coordinates no digits.
     """
-    at = shaped(integers(place), (22,))
+    at = shaped(integers(place), (23,))
     m, of_laws, band = at[_COUNT], at[_ASK], at[_BAND]
-    w, whole = shaped(floats(at[_OF_LAWS]), (22, m)), shaped(integers(at[_WHOLE]), (4, m))
+    w, whole = shaped(floats(at[_OF_LAWS]), (_NUMBERS_OF_LAWS, m)), shaped(integers(at[_WHOLE]), (5, m))
     numbers, square = shaped(floats(at[_NUMBERS]), (7,)), 0 if band else m
     reach, matrix = shaped(floats(at[_COUPLING]), (square, square)), shaped(floats(at[_MATRIX]), (square, square))
     mean, explicit = numbers[MEAN_FORCES] > 0.0, numbers[EXPLICIT] > 0.0
@@ -274,7 +286,7 @@ def _react(place: int, p: Any, z: Any, question: float, unused: float) -> float:
             change = w[FORCES, j] - w[FOUND, j]
             # In a law much stiffer than the structure, the rounding of u may be the largest error of its force.
             noise = 4.0 * _EPS * (abs(w[FORCES, j]) + abs(w[FOUND, j]) + w[SLOPE, j] * w[SIZE, j])
-            still = still and abs(w[MOVE, j]) <= (demand if band else 4.0 * _EPS) * w[SIZE, j]
+            still = still and abs(w[MOVE, j]) <= 4.0 * _EPS * w[SIZE, j]
             rounded = rounded and abs(change) <= noise
             if whole[KIND, j] == ACTS and not whole[SPRUNG, j]:
                 start += w[MOVE, j] * change
@@ -307,6 +319,46 @@ def _react(place: int, p: Any, z: Any, question: float, unused: float) -> float:
             return step + 1 + turned if acts > 0.0 else 0.0
         demand *= 2.0 if step < 22 else 1.0
     return -1.0
+
+
+@jit
+def _slide(place: int, p: Any, z: Any, question: float, unused: float) -> float:
+    """Do what `_react` does, and change which sliders stick until all agree with their forces.
+
+    One that sticks breaks away where its force is beyond the limit. If it moves against its force then, it sticks.
+    """
+    at = shaped(integers(place), (23,))
+    m, react = at[_COUNT], at[_REACT]
+    w, whole = shaped(floats(at[_OF_LAWS]), (_NUMBERS_OF_LAWS, m)), shaped(integers(at[_WHOLE]), (5, m))
+    numbers, reach = shaped(floats(at[_NUMBERS]), (7,)), shaped(floats(at[_COUPLING]), (m, m))
+    for again in range(_MOST):
+        answer, changed = call(react, place, w, 0, w, 0, question, 0.0), 0
+        if answer < 0.0:
+            return answer
+        for j in range(m):
+            if w[LIMIT, j] == np.inf or (changed and again >= _AT_ONCE):
+                continue
+            force, limit, anchor = w[FOUND, j], w[LIMIT, j], w[U0, j] if numbers[MEAN_FORCES] > 0.0 else 0.0
+            if whole[PRESSING, j] >= 0:
+                limit *= _pressed(w, whole[PRESSING, j], numbers[PART])
+            if whole[KIND, j] == HOLDS:
+                # A force whose loss would move nothing is rounding.
+                moves = reach[j, j] * abs(force) > 64.0 * _EPS * (abs(w[U0, j]) + abs(w[BASE, j]))
+                if moves and abs(force) - limit > 1e-12 * abs(force):
+                    whole[KIND, j], whole[STATUS, j], changed = PUSHES, 1 if force > 0.0 else -1, 1
+                    w[REACHED, j], w[TARGET, j] = abs(force), whole[STATUS, j] * w[PUSH, j]
+            elif w[REACHED, j] > 0.0 and limit > 0.0 and (w[Y, j] - anchor) * whole[STATUS, j] < 0.0:
+                whole[KIND, j], whole[STATUS, j], w[TARGET, j], changed = HOLDS, 0, anchor, 1
+        if not changed:
+            return answer
+    return -1.0
+
+
+@jit
+def _pressed(w: Array, presses: int, weight: float) -> float:
+    """Return the normal force at the time of balance by the law that presses, N."""
+    # Of laws that act at ends of steps, the force at the start takes part in the balance too.
+    return max(weight * w[FOUND, presses] + (1.0 - weight) * w[LAST, presses], 0.0)
 
 
 @jit
@@ -360,25 +412,36 @@ def _in_band(place: int, p: Any, z: Any, step: float, unused: float) -> float:
 
     Returns -1 where the slopes leave A without a solution.
     """
-    at = shaped(integers(place), (22,))
+    at = shaped(integers(place), (23,))
     m, n, width, entries, numbers = at[_COUNT], at[_UNKNOWNS], at[_SIZE_OF_BAND], at[_ENTRIES], at[_NUMBERS]
-    w, x = shaped(floats(at[_OF_LAWS]), (22, m)), shaped(floats(at[_SPARE]), (n,))
+    w, x = shaped(floats(at[_OF_LAWS]), (_NUMBERS_OF_LAWS, m)), shaped(floats(at[_SPARE]), (n,))
     rows = Rows(
         shaped(integers(at[_START]), (m + 1,)), shaped(integers(at[_COLUMN]), (entries,)),
         shaped(floats(at[_WEIGHT]), (entries,)),
     )  # fmt: skip
     per_y, part = shaped(floats(numbers), (7,))[PER_Y], shaped(floats(numbers), (7,))[PART]
     matrix, band = shaped(floats(at[_COUPLING]), (width, n)), shaped(floats(at[_MATRIX]), (width, n))
+    factored = shaped(floats(at[_FACTORED]), (at[_FACTORED_SIZE], n))
+    if step == 0.0:
+        # What reactions did if none of them cancelled others: u is the sum of terms so large.
+        fill(x, 0.0)
+        for j in range(m):
+            for e in range(rows.start[j], rows.start[j + 1]):
+                x[rows.column[e]] += abs(part * w[MORE, j] * rows.weight[e])
+        solve(factored, x)
+        for j in range(m):
+            w[SIZE, j] = abs(w[FREE, j])
+            for e in range(rows.start[j], rows.start[j + 1]):
+                w[SIZE, j] += abs(per_y * rows.weight[e] * x[rows.column[e]])
     fill(x, 0.0)
     for j in range(m):
         force = w[STEP, j] if step > 0.0 else w[MORE, j]
         if force != 0.0:
             subtract_row(rows, j, part * force, x)
     if step == 0.0:
-        solve(shaped(floats(at[_FACTORED]), (at[_FACTORED_SIZE], n)), x)
+        solve(factored, x)
         for j in range(m):
-            moved = per_y * dot(rows, j, x)
-            w[Y, j], w[SIZE, j] = w[FREE, j] + moved, abs(w[FREE, j]) + abs(moved)
+            w[Y, j] = w[FREE, j] + per_y * dot(rows, j, x)
         return 0.0
     for a in range(width):
         copy(matrix[a], band[a])

@@ -44,7 +44,7 @@ class Path:
     status : ndarray of int, shape (n_rows, n_sliders)
         Of rigid sliders in these steps.
     out : ndarray, shape (n_rows, n)
-        Accelerations at the times: `Chunk.a`, but for methods whose accelerations lag. Not where laws act by means.
+        Accelerations at the times, where laws do not act by means.
     filled : int
         The last row that is known.
     """
@@ -54,20 +54,20 @@ class Path:
         q, v, a = np.zeros((3, rows, n))
         u, reaction, damper = np.zeros((3, rows, m))
         self.chunk = Chunk(
-            q, v, a, u, reaction, damper, np.zeros((rows, laws.state.size)), np.zeros((rows, pots, 2))
+            q, v, a, u, reaction, damper, np.zeros((rows, laws.state.size)), np.zeros((rows, pots, 2)),
+            np.zeros((rows, n if lags else 0)),
         )  # fmt: skip
         self.t, self.dt, self.work, self.dissipated = np.zeros((4, rows))
         self.absorbed, self.pull = np.zeros((2, rows, pots))
         self.turns = np.zeros(rows, dtype=bool)
         self.status = np.zeros((rows, sliders), dtype=np.int64)
-        self.out = np.zeros((rows, n)) if lags else self.chunk.a
+        self.out = self.chunk.ends if lags else a
         self.filled = 0
 
     @property
     def _parts(self) -> tuple[NDArray[Any], ...]:
         more = (self.t, self.dt, self.work, self.dissipated, self.absorbed, self.pull, self.turns, self.status)
-        chunk = (*self.chunk, *more)
-        return chunk if self.out is self.chunk.a else (*chunk, self.out)
+        return (*self.chunk, *more)
 
     def steps(self, count: int) -> Chunk:
         """Return the last row that is known, and rows for some steps from there."""
@@ -279,10 +279,10 @@ class Record:
                 arriving, leaving = path.out[here], path.out[here - 1]
             h = path.dt[here]
             q, v, a = interpolated(
-                x[inside], h, (chunk.q[here - 1].T, chunk.v[here - 1].T, leaving.T),
-                (chunk.q[here].T, chunk.v[here].T, arriving.T),
+                x[inside, None], h[:, None], (chunk.q[here - 1], chunk.v[here - 1], leaving),
+                (chunk.q[here], chunk.v[here], arriving),
             )  # fmt: skip
-            self.q[begin + inside], self.v[begin + inside], self.a[begin + inside] = q.T, v.T, a.T
+            self.q[begin + inside], self.v[begin + inside], self.a[begin + inside] = q, v, a
         for k, name in enumerate(("work", "dissipated")):
             getattr(self, name)[begin:end] = x * totals[row, k] + (1.0 - x) * totals[row - 1, k]
         self._histories(path, begin, end, row, x, totals[:, 2:])

@@ -15,7 +15,7 @@ from vofem.integrators.stepping.checks import check_times, contact_checks
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.guides import Guides
 from vofem.integrators.stepping.kernel import Equations, Size, advance, work_space
-from vofem.integrators.stepping.reactions import begin_reactions
+from vofem.integrators.stepping.reactions import Reactions, begin_reactions
 from vofem.integrators.stepping.record import Path, Record, Switches, hysteretic_energy
 from vofem.integrators.stepping.scheme import Forcing, Loaded
 from vofem.integrators.stepping.step_loads import StepLoads
@@ -78,7 +78,7 @@ class Run:
         if system.sliders is not None:
             from vofem.integrators.stepping.sliding import Sliders
 
-            self.sliders = Sliders(system, self.laws, self.rows, v)
+            self.sliders = Sliders(system, structure.mass, self.laws, self.rows, v)
         self.guides = None
         if self.movement is not None or self.sliders is not None:
             self.guides = Guides(structure, self.laws, self.sliders)
@@ -241,33 +241,33 @@ class Run:
         """
         if self.sliders is None or not self.sliders.chosen:
             return self.advanced(path, dt, t, forcing, pots)
-        first, self.taken = path.filled, 0
-        for k, end in enumerate(t.tolist()):
-            if not self.sliders.step(self, path, dt, end, forcing.at(k), cut=False):
-                break
-            self.taken, path.filled = k + 1, path.filled + 1
+        first = path.filled
+        self.taken = self.sliders.steps(self, path, dt, t, forcing, cut=False)
         path.filled = first
         return self.taken if self.taken == t.size else -1
 
     def advanced(
-        self, path: Path, dt: float, t: Array, forcing: Forcing, pots: Any, status: IntArray | None = None
+        self, path: Path, dt: float, t: Array, forcing: Forcing, pots: Any, status: IntArray | None = None,
+        fixed: bool = False,
     ) -> int:  # fmt: skip
-        """Take steps as `steps` does, with the statuses of sliders, shape (k,), where they are given."""
-        known, values = self.size(dt), forcing.values
-        force = shift = np.empty((0, self.system.size))
-        if self.vectors.size:
-            count = self._acting(values)
-            force = values[:, :count] @ known.loads[:count]
-            if self.scheme.mean and np.any(forcing.first):
-                shift = forcing.first @ known.shift
+        """Take steps as `steps` does, with the statuses of sliders at the start, shape (k,), where they are given.
+
+        Several steps end before one within which a slider turns.
+        `fixed`: whether sliders keep these statuses.
+        """
+        known, shift = self.size(dt), np.empty((0, self.system.size))
+        count = self._acting(forcing.values)
+        values, loads = np.ascontiguousarray(forcing.values[:, :count]), known.loads[:count]
+        if self.scheme.mean and np.any(forcing.first):
+            shift = forcing.first @ known.shift
         equations, drift, rules = self.equations, None, None
         if self.guides is not None:
             ahead = np.concatenate([[t[0] - dt], t, [t[-1] + dt]])
-            equations, drift, rules = self.guides.over(path, ahead, equations, status)
+            equations, drift, rules = self.guides.over(path, ahead, equations, status, fixed)
         earlier = path.chunk.a[max(path.filled - 1, 0)] if self.scheme.mean else None
         self.taken, solves = advance(
-            equations, *known.size[:3], self.dampers, pots, drift, rules, force, shift, earlier, path.steps(t.size),
-            self._work(known.size),
+            equations, *known.size[:3], self.dampers, pots, drift, rules, values, loads, shift, earlier,
+            path.steps(t.size), self._work(known.size),
         )  # fmt: skip
         if self.callbacks is not None:
             self.callbacks.complain(dt)
@@ -276,13 +276,19 @@ class Run:
     def _work(self, size: Size) -> Any:
         """Return work space."""
         if self._space is None:
-            self._space = work_space(self.equations, size)
+            slides = self.sliders is not None and self.sliders.chosen
+            self._space = work_space(self.equations, size, slides)
         if self._of is not size:
             self._of, work, numbers = size, self._space[0], size.numbers
             begin_reactions(
                 work.reactions, numbers.way, numbers.per_y, numbers.part, size.coupling, size.factored, size.banded
             )  # fmt: skip
         return self._space[0]
+
+    @property
+    def reactions(self) -> Reactions:
+        """How kernels found the forces of the last step."""
+        return self._space[0].reactions
 
     def enter(self, path: Path, dt: float, t: Array, forcing: Forcing) -> None:
         """Enter steps that were taken into a path: their times and energies."""
@@ -296,32 +302,30 @@ class Run:
         if self.dampers:
             path.dissipated[rows] += self._lost_in_laws(steps.damper, way)
         if self.sliders is not None:
-            lost, jumps = self.sliders.enter(path, first, count, self.scheme.mean)
+            lost, jumps = self.sliders.enter(path, first, count, self.scheme)
             path.dissipated[rows] += lost
             path.work[first + 1] += jumps
         if self.past is not None:
             mine = slice(self.past.row, self.past.row + self.past.count)
             mean = _middle(steps.reaction[:, mine]) if self.scheme.explicit else steps.pots[1:, :, 0]
             path.absorbed[rows] = mean * way[:, mine]
-        if self.scheme.lags:
-            out = path.out[rows]
-            np.subtract(steps.a[1:], steps.a[:-1], out=out)
-            out *= self.scheme.alpha_f - self.scheme.alpha_m
-            out += steps.a[1:]
         path.filled += count
 
     def _work_of_loads(self, dt: float, steps: Any, forcing: Forcing) -> Array | float:
         """Return the work in J of the loads over steps, shape (steps,)."""
-        known, means = self.size(dt), forcing.means
+        known, acting = self.size(dt), self._acting(forcing.means)
         if not self.vectors.size:
             return 0.0
+        loads, means = known.loads[:acting], forcing.means[:, :acting]
+        # A load on few unknowns sees few of their displacements.
+        on = np.flatnonzero(loads.any(axis=0))
+        seen = on if 4 * on.size < self.system.size else slice(None)
         if not self.scheme.mean or self.sliders is not None:
-            acting = self._acting(means)
-            return np.einsum("ke,ke->k", np.diff(steps.q @ known.loads[:acting].T, axis=0), means[:, :acting])
-        along = _middle(steps.v @ known.loads.T)
+            return np.einsum("ke,ke->k", np.diff(steps.q[:, seen] @ loads[:, seen].T, axis=0), means)
+        along = _middle(steps.v[:, seen] @ loads[:, seen].T)
         if not np.any(forcing.first):
             return dt * np.einsum("ke,ke->k", along, means)
-        along -= forcing.first @ (known.shift @ known.loads.T)
+        along -= forcing.first @ (known.shift @ loads.T)
         inner = dt * np.einsum("ke,ke->k", steps.a[1:] @ known.inertia.T, forcing.first)
         return np.asarray(inner + dt * np.einsum("ke,ke->k", along, means))
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from vofem.arrays import Array
 from vofem.integrators.stepping.kernel import Numbers, Size
 from vofem.laws.law import Way
@@ -44,7 +42,8 @@ class Scheme(NamedTuple):
         way = Way(mean, explicit, (1.0 + ahead) / part, ahead / part, dt)
         per_y = dt * cvw if explicit else dt * dt * cqw
         return Numbers(
-            1.0 - af, 0.5 - beta - beta * share, cqw, 1.0 - gamma - gamma * share, cvw, am, way, per_y, part
+            1.0 - af, 0.5 - beta - beta * share, cqw, 1.0 - gamma - gamma * share, cvw, am,
+            af - am if self.lags else 0.0, way, per_y, part
         )  # fmt: skip
 
 
@@ -57,9 +56,9 @@ class Forcing(NamedTuple):
     means: Array
     first: Array  #: First moments over the steps, used where laws act by means, shape (steps, n_loads).
 
-    def at(self, k: int) -> Forcing:
-        """Return the loads of one step, which hold in parts of it too: without their first moments."""
-        return Forcing(self.values[k : k + 1], self.means[k : k + 1], np.zeros_like(self.first[k : k + 1]))
+    def part(self, first: int, last: int) -> Forcing:
+        """Return the loads of the steps from one number up to another."""
+        return Forcing(*(values[first:last] for values in self))
 
 
 class Loaded(NamedTuple):

@@ -4,10 +4,11 @@ Let D be the slip of a slider over a step, N the normal force and R the friction
 slider either sticks, with ``|R| <= static N``, or slides, with ``R = sign(D) coefficient N``. A slider behind a spring
 is a law with a memory. Where a contact presses, N is the positive part of its force in the same step.
 
-Equal steps are cut where sliding of a rigid slider ends: there the slip speed is made zero, and the rest of the step
-begins with a slider that sticks. They are cut too where sticking ends with a jump of the force. Steps therefore keep
-order 2. Steps under a tolerance are not cut but made small there. What the structure gives to a slider is ``R D``, so
-energies balance without an error where laws act by their mean forces.
+The step of all laws finds which sliders stick (`reactions`), and kernels stop before a step within which one turns.
+Only such a step is taken apart here. An equal step is cut where sliding of a rigid slider ends: there the slip speed is
+made zero, and the rest of the step begins with a slider that sticks. It is cut too where sticking ends with a jump of
+the force. Steps therefore keep order 2. Steps under a tolerance are not cut but made small there. What the structure
+gives to a slider is ``R D``, so energies balance without an error where laws act by their mean forces.
 """
 
 from __future__ import annotations
@@ -19,8 +20,7 @@ from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.integrators.slider_history import SliderHistory
-from vofem.integrators.stepping.kernel import Equations
-from vofem.integrators.stepping.reactions import ACTS, HOLDS, PUSHES
+from vofem.integrators.stepping.reactions import REACHED, STATUS, Reactions
 from vofem.integrators.stepping.record import Path
 from vofem.integrators.stepping.scheme import Forcing, Scheme
 from vofem.laws import FrictionLaws
@@ -31,7 +31,10 @@ from vofem.system import System
 
 Integers = NDArray[np.int64]
 
-_MOST, _EPS = 100, float(np.finfo(float).eps)
+_EPS = float(np.finfo(float).eps)
+
+#: Steps that are tried at once after a slider has turned; later twice as many each time.
+_SOME = 32
 
 #: Cuts of one step at most, and the part of a step below which nothing is cut off.
 _CUTS, _SHORT = 20, 1e-6
@@ -41,16 +44,17 @@ class Run(Protocol):
     """What sliders ask of a run, see `run.Run`."""
 
     scheme: Scheme
-    equations: Equations
+    taken: int
 
     @property
-    def dt(self) -> float | None:
-        """Size of all steps, s."""
+    def reactions(self) -> Reactions:
+        """How kernels found the forces of the last step."""
 
     def advanced(
-        self, path: Path, dt: float, t: Array, forcing: Forcing, pots: Any, status: Integers | None = None
+        self, path: Path, dt: float, t: Array, forcing: Forcing, pots: Any, status: Integers | None = None,
+        fixed: bool = False,
     ) -> int:  # fmt: skip
-        """Take some steps of one size on from the last row of a path."""
+        """Take some steps of one size on from the last row of a path, see `run.Run`."""
 
     def enter(self, path: Path, dt: float, t: Array, forcing: Forcing) -> None:
         """Enter steps that were taken."""
@@ -75,15 +79,16 @@ class Sliders:
 
     `rows`: their places among the rows of all laws, which they end.
     `rigid` has shape (k,).
+    `hard` (shape (k,)): whether a slider is rigid, and its force jumps where sticking ends.
     `pressing` (shape (k,)): numbers of the contacts that press, -1 for none.
     `varying` (shape (k,)): whether the normal force is not constant.
     `chosen`, `belts`: whether statuses have to be found, as for rigid sliders, and whether there are belts.
-    `log` (shape (6, k)): after every step: the quantities of `SliderSamples`.
-    `times`: ends of these steps, s.
+    `log` (shapes (steps, 6, k)): after every step: the quantities of `SliderSamples`; no slip speeds of rigid sliders.
+    `times` (shapes (steps,)): ends of these steps, s.
     `turns`: time, slider, and 0 where sliding ends, 1 where sticking ends.
     """
 
-    def __init__(self, system: System, laws: LawSet, rows: Any, v: Array) -> None:
+    def __init__(self, system: System, mass: Array, laws: LawSet, rows: Any, v: Array) -> None:
         group = system.sliders
         assert group is not None
         self.laws, count = group.laws, len(group)
@@ -98,16 +103,22 @@ class Sliders:
         self.stiffness = np.where(self.rigid, 0.0, self.spring)
         self._stretch = laws.records.table[self.rows, START] + 2
         self.pressing = np.array([-1 if law.contact is None else names.index(law.contact) for law in self.laws])
+        self.hard = self.rigid & (self.static > self.limit)
         self.varying = np.array([law.contact is not None or law.varies is not None for law in self.laws])
         self.chosen, self.belts = bool(self.rigid.any()), any(law.belt is not None for law in self.laws)
         self._still = np.zeros(count)
+        #: Changes of velocities by unit impulses on sliders, (k, n), and of their own speeds, (k,), in 1/kg.
+        self._moved, factored = self.matrix.copy(), factor(mass, "the mass matrix")
+        for answer in self._moved:
+            solve(factored, answer)
+        self._weights = np.einsum("kn,kn->k", self.matrix, self._moved)
         slip, none, self.fastest = self.slip(v, 0.0), np.full(count, np.inf), np.zeros(count)
         status = np.where(self.rigid & ~self.small(slip, v, 0.0), np.sign(slip), 0).astype(np.int64)
         zero = np.zeros(count)
         self.now = Held(status, none, np.zeros(count, dtype=bool), zero)
-        self.reached, self.share, self.lost, self._answers = zero, none, False, np.empty((0, 0))
-        self.log = [np.array([zero, np.where(self.rigid, slip, 0.0), status, zero, zero, zero])]
-        self.times, self.turns = [0.0], list[tuple[float, int, int]]()
+        self.reached, self.share, self.lost = zero, none, False
+        self.log = [np.array([[zero, zero, status, zero, zero, zero]])]
+        self.times, self.turns = [np.zeros(1)], list[tuple[float, int, int]]()
 
     def saved(self) -> dict[str, Any]:
         """Return what a run needs to go on."""
@@ -128,11 +139,11 @@ class Sliders:
 
     # -- what acts on sliders ---------------------------------------------------------------------------
 
-    def speeds(self, t: float) -> Array:
-        """Return the speeds of the belts at a time in s, m/s."""
-        if not self.belts:
+    def speeds(self, t: float | Array) -> Array:
+        """Return the speeds of the belts at times in s, m/s, shape (k,) or (n_times, k)."""
+        if not self.belts and isinstance(t, float):
             return self._still
-        return np.array([0.0 if law.belt is None else float(law.belt(t)) for law in self.laws])
+        return np.array([np.zeros(np.shape(t)) if law.belt is None else law.belt(t) for law in self.laws]).T
 
     def ways(self, times: Array) -> Array:
         """Return by how much the belts move between times, m, shape (n_times - 1, k)."""
@@ -157,12 +168,14 @@ class Sliders:
 
         return np.array([found(law) for law in self.laws]).T
 
-    def pressed(self, path: Path, last: int, normal: Array, implicit: bool) -> Array:
+    def pressed(self, path: Path, last: int, normal: Array, scheme: Scheme) -> Array:
         """Return normal forces, (steps, k), with those that contacts make in the steps that end at a row of a path."""
         rows, found = slice(last - normal.shape[0] + 1, last + 1), normal.copy()
         for k in np.flatnonzero(self.pressing >= 0).tolist():
             force = path.chunk.reaction[rows, self.pressing[k]]
-            found[:, k] = np.maximum(force + path.chunk.damper[rows, self.pressing[k]] if implicit else force, 0.0)
+            if not (scheme.mean or scheme.explicit):
+                force = force + path.chunk.damper[rows, self.pressing[k]]
+            found[:, k] = np.maximum(force, 0.0)
         return found
 
     def slip(self, v: Array, t: float) -> Array:
@@ -174,11 +187,6 @@ class Sliders:
         # At a stop all speeds of a small system are zero, so they are compared with the largest of the run.
         self.fastest = np.maximum(self.fastest, self._sizes @ np.abs(v) + np.abs(self.speeds(t)))
         return np.abs(slip) <= 64.0 * _EPS * self.fastest
-
-    def kinds(self, status: Integers, normal: Array) -> tuple[Integers, Array]:
-        """Return kinds of rows and forces that push, (steps, k), for a status and normal forces, (steps, k)."""
-        kind = np.where(self.rigid, np.where(status == 0, HOLDS, PUSHES), ACTS)
-        return np.tile(kind, (normal.shape[0], 1)), status * self.limit * normal
 
     # -- records ----------------------------------------------------------------------------------------
 
@@ -192,14 +200,14 @@ class Sliders:
         """Return the energies in the springs of sliders, J, shape (n_times, k)."""
         return np.asarray(0.5 * self.stiffness * self.stretches(past) ** 2)
 
-    def enter(self, path: Path, first: int, count: int, mean: bool) -> tuple[Array, float]:
+    def enter(self, path: Path, first: int, count: int, scheme: Scheme) -> tuple[Array, float]:
         """Record steps that were taken after a row of a path; return losses over them, (count,), and work of jumps, J.
 
         Jumps between steps count with the first step.
         """
         rows, chunk = slice(first + 1, first + count + 1), path.chunk
         force, slip = chunk.reaction[rows, self.rows], np.diff(chunk.u[first : rows.stop, self.rows], axis=0)
-        if not mean:
+        if not scheme.mean:
             force = np.where(self.rigid, force, 0.5 * (force + chunk.reaction[first : rows.stop - 1, self.rows]))
         stretch = self.stretches(chunk.past[first : rows.stop])
         stored = self.stored(chunk.past[first : rows.stop])
@@ -207,24 +215,21 @@ class Sliders:
         taken[0] += self.now.jumps
         tiny = 64.0 * _EPS * (np.abs(slip) + np.abs(stretch[1:]))
         slides = np.where(np.abs(slid) > tiny, np.sign(slid), 0.0)
-        normal = self.pressed(path, first + count, self.normals(path.t[rows], None), not mean)
-        total = self.log[-1][3]
-        for k, row in enumerate(range(first + 1, first + count + 1)):
-            t, begin = float(path.t[row]), float(path.t[row - 1])
-            status, total = np.where(self.rigid, path.status[row], slides[k]), total + taken[k]
-            speed = np.where(self.rigid, self.slip(chunk.v[row], t), slid[k] / path.dt[row])
-            before = self.log[-1][2]
-            for j in np.flatnonzero(~self.rigid & (status != before)).tolist():
-                self.turns += [(begin, j, kind) for kind, turns in ((0, before[j]), (1, status[j])) if turns]
-            self.times.append(t)
-            self.log.append(np.array([chunk.reaction[row, self.rows], speed, status, total, normal[k], stored[k + 1]]))
+        normal = self.pressed(path, first + count, self.normals(path.t[rows], None), scheme)
+        status = np.vstack([self.log[-1][-1, 2], np.where(self.rigid, path.status[rows], slides)])
+        total, speed = self.log[-1][-1, 3] + np.cumsum(taken, axis=0), slid / path.dt[rows, None]
+        for k, j in np.argwhere(~self.rigid & (np.diff(status, axis=0) != 0)).tolist():
+            begin, before, after = float(path.t[first + k]), status[k, j], status[k + 1, j]
+            self.turns += [(begin, j, kind) for kind, turns in ((0, before), (1, after)) if turns]
+        self.times.append(path.t[rows].copy())
+        self.log.append(np.stack([chunk.reaction[rows, self.rows], speed, status[1:], total, normal, stored[1:]], 1))
         work = self.now.work
         self.now = self.now._replace(jumps=np.zeros(self.rigid.size), work=0.0)
         return taken.sum(axis=1), work
 
     def sticks(self) -> bool:
         """Return whether a slider sticks; one behind a spring by its last step."""
-        return bool(np.any(np.where(self.rigid, self.now.status, self.log[-1][2]) == 0))
+        return bool(np.any(np.where(self.rigid, self.now.status, self.log[-1][-1, 2]) == 0))
 
     def late(self, run: Run, path: Path, h: float) -> float:
         """Return the displacement in m by which sliders break away too late, or too early, in two steps.
@@ -236,39 +241,24 @@ class Sliders:
         force, status = path.chunk.reaction[row : row + 3, self.rows], path.status[row + 1 : row + 3]
         ahead = force[2] + 0.5 * (force[2] - force[1])
         normal = self.normals(path.t[row : row + 1] + 2.0 * h, None)
-        bound = self.static * self.pressed(path, row + 2, normal, not run.scheme.mean)[0]
+        bound = self.static * self.pressed(path, row + 2, normal, run.scheme)[0]
         excess = np.where(self.rigid & np.all(status == 0, axis=0), np.abs(ahead) - bound, 0.0)
         jump = self.rigid & (path.status[row] == 0) & np.any(status != 0, axis=0)
         excess = np.where(jump, bound * (1.0 - self.limit / self.static), excess)
-        return float(np.max(excess.clip(0.0) * self._weights(run) * h**2, initial=0.0))
+        return float(np.max(excess.clip(0.0) * self._weights * h**2, initial=0.0))
 
     def history(self, until: float) -> SliderHistory:
         """Return what was recorded so far, and what sliders did up to a time in s."""
         turns = sorted(turn for turn in self.turns if turn[0] <= until)
-        return SliderHistory(np.array(self.times), np.array(self.log), np.array(turns).reshape(-1, 3))
+        return SliderHistory(np.concatenate(self.times), np.concatenate(self.log), np.array(turns).reshape(-1, 3))
 
-    def _moved(self, run: Run) -> Array:
-        """Return the changes of velocities by unit impulses on sliders, shape (k, n)."""
-        if not self._answers.size:
-            mass, self._answers = factor(run.equations.mass, "the mass matrix"), self.matrix.copy()
-            for answer in self._answers:
-                solve(mass, answer)
-        return self._answers
+    # -- steps of rigid sliders ---------------------------------------------------------------------------
 
-    def _weights(self, run: Run) -> Array:
-        """Return the change of every slider's speed by a unit impulse on it, 1/kg, shape (k,)."""
-        return np.asarray(np.einsum("kn,kn->k", self.matrix, self._moved(run)))
-
-    def _arrest(self, run: Run, which: NDArray[np.bool_], v: Array, t: float) -> None:
-        """Take the slip speeds that some sliders have at a time in s from the velocities v, by impulses on them."""
-        rows, belt, answers, now = self.matrix[which], self.speeds(t)[which], self._moved(run)[which], self.now
-        impulse = np.linalg.solve(rows @ answers.T, rows @ v - belt)
-        change, jumps = impulse @ answers, now.jumps.copy()
-        jumps[which] += impulse * (rows @ (v - 0.5 * change) - belt)
-        v -= change
-        self.now = now._replace(jumps=jumps, work=now.work - float(impulse @ belt))
-
-    # -- one step of rigid sliders ------------------------------------------------------------------------
+    def _begun(self, v: Array, t: float) -> Integers:
+        """Return the statuses with which a step from a time in s begins, by the velocities there."""
+        slip = self.slip(v, t)
+        turned = self.rigid & (self.now.status != 0) & ~self.small(slip, v, t) & ~self.now.released
+        return np.where(turned, np.sign(slip), self.now.status).astype(np.int64)
 
     def take(self, run: Run, path: Path, h: float, end: float, forcing: Forcing, fixed: Integers | None = None) -> bool:
         """Fill the next row of a path by a step in which statuses agree with forces; return whether there is one.
@@ -276,39 +266,35 @@ class Sliders:
         `h`, `end`: size of the step and its end, s.
         `fixed` (shape (k,)): the statuses, if they are known.
         """
-        row, chunk, now, mean = path.filled, path.chunk, self.now, run.scheme.mean
-        slip = self.slip(chunk.v[row], end - h)
-        turned = self.rigid & (now.status != 0) & ~self.small(slip, chunk.v[row], end - h) & ~now.released
-        status = np.where(turned, np.sign(slip), now.status).astype(np.int64) if fixed is None else fixed
-        seen, self.reached = set[bytes](), np.zeros(status.size)
-        place, give = self._sizes @ np.abs(chunk.q[row]), 0.5 * h**2 * self._weights(run)
-        normal = self.normals(np.array([end - h, end]), run.scheme.part)
-        for _ in range(_MOST):
-            if run.advanced(path, h, np.array([end]), forcing, None, status) < 0:
-                return False
-            force = chunk.reaction[row + 1, self.rows]
-            bound = self.static * self.pressed(path, row + 1, normal, not mean)[0]
-            self.share = np.abs(force) / np.maximum(bound, 1e-300)
-            moved = chunk.u[row + 1, self.rows] - chunk.u[row, self.rows]
-            if not mean:
-                moved = self.slip(chunk.v[row + 1], end)
-                moved[self.small(moved, chunk.v[row + 1], end)] = 0.0
-            # A force whose loss would move nothing is rounding.
-            over = self.rigid & (status == 0) & (np.abs(force) - bound > 1e-12 * np.abs(force))
-            over &= np.abs(force) * give > 64.0 * _EPS * place
-            back = self.rigid & (status != 0) & (moved * status < 0.0) & (now.status == 0) & (bound > 0.0)
-            change = over | back
-            if fixed is not None or not np.any(change):
-                path.status[row + 1] = status
-                return True
-            self.reached = np.where(over, self.share, self.reached)
-            if status.tobytes() in seen:
-                # One at a time, where all at once goes round in a circle.
-                worst = np.argmax(np.where(over, 1.0 - 1.0 / self.share.clip(1.0), 0.0))
-                change = np.arange(change.size) == (worst if np.any(over) else np.argmax(back))
-            seen.add(status.tobytes())
-            status = np.where(change & over, np.sign(force), np.where(change & back, 0, status)).astype(np.int64)
-        return False
+        row, times = path.filled + 1, np.array([end - h, end])
+        status = self._begun(path.chunk.v[row - 1], end - h) if fixed is None else fixed
+        if run.advanced(path, h, times[1:], forcing, None, status, fixed is not None) < 0:
+            return False
+        reactions = run.reactions
+        path.status[row] = np.where(self.rigid, reactions.whole[STATUS, self.rows], status)
+        forces = np.stack([path.chunk.reaction[row, self.rows], reactions.of_laws[REACHED, self.rows]])
+        self.share, self.reached = self._shares(run, path, times, forces)
+        return True
+
+    def _shares(self, run: Run, path: Path, times: Array, forces: Array) -> Array:
+        """Return forces, (..., k), over the largest at which sliders stick in the last of some steps between times."""
+        normal = self.normals(times[-2:], run.scheme.part)
+        bound = self.static * self.pressed(path, path.filled + times.size - 1, normal, run.scheme)[0]
+        return np.asarray(np.abs(forces) / np.maximum(bound, 1e-300))
+
+    def _quiet(self, run: Run, path: Path, h: float, t: Array, forcing: Forcing) -> int:
+        """Take steps that end at times in s up to one within which a slider turns; return their number."""
+        first, begin = path.filled, float(t[0]) - h
+        status = self._begun(path.chunk.v[first], begin)
+        run.advanced(path, h, t, forcing, None, status)
+        # Where the force jumps, a slider may break away after the time of balance of the step before.
+        count = max(run.taken - bool(self.hard.any()), 0)
+        if count:
+            path.status[first + 1 : first + count + 1] = status
+            times = np.append(begin, t[:count])
+            self.share = self._shares(run, path, times, path.chunk.reaction[first + count, self.rows])
+            self.accept(run, path, h, float(t[count - 1]), count)
+        return count
 
     def turn_within(self, run: Run, path: Path, h: float, end: float) -> tuple[int, float, bool]:
         """Return the slider whose status changes first in a step that was taken, after which part, and if it breaks.
@@ -326,7 +312,7 @@ class Sliders:
             shares = np.where(ends, before / np.where(ends, before - after, 1.0), np.inf)
             which, share = int(np.argmin(shares)), float(np.min(shares))
         held = np.where(status == 0, self.share, self.reached)
-        for j in np.flatnonzero(self.rigid & (now.status == 0) & (self.static > self.limit)).tolist():
+        for j in np.flatnonzero(self.hard & (now.status == 0)).tolist():
             rise = held[j] - now.share[j]
             if rise > 0.0 and np.isfinite(rise):
                 balance = end - (1.0 - run.scheme.part) * h
@@ -335,9 +321,10 @@ class Sliders:
                     which, share, breaks = j, max(part, 0.0), True
         return which, share, breaks
 
-    def accept(self, run: Run, path: Path, h: float, end: float) -> None:
-        """Go on from a step that was taken; note what breaks away in it."""
-        status, now, begin = path.status[path.filled + 1].copy(), self.now, end - h
+    def accept(self, run: Run, path: Path, h: float, end: float, count: int = 1) -> None:
+        """Go on from some steps that were taken; note what breaks away in a single one."""
+        last = path.filled + count
+        status, now, begin = path.status[last].copy(), self.now, end - h
         balance = end - (1.0 - run.scheme.part) * h
         for j in np.flatnonzero((now.status == 0) & (status != 0)).tolist():
             share, reached, time = now.share[j], self.reached[j], begin
@@ -347,14 +334,7 @@ class Sliders:
             reverses = abs(next((t for t, i, _ in self.turns[::-1] if i == j), -1.0) - begin) <= _SHORT * h
             if time > 0.0 and not reverses:
                 self.turns.append((time, j, 1))
-        # Rounding of a slider at rest would grow from step to step.
-        v, none = path.chunk.v[path.filled + 1], np.zeros(status.size, dtype=bool)
-        slip = self.slip(v, end)
-        noise = 64.0 * _EPS * (self.fastest + self._sizes @ np.abs(path.chunk.q[path.filled]) / h)
-        rest = self.rigid & (status == 0) & (slip != 0.0) & (np.abs(slip) <= noise)
-        if np.any(rest):
-            self._arrest(run, rest, v, end)
-        self.now = self.now._replace(status=status, share=self.share, released=none, balance=balance)
+        self.now = self.now._replace(status=status, share=self.share, released=status != status, balance=balance)
 
     def release(self, path: Path, t: float, which: int) -> None:
         """Let a slider break away at the end of the last step of a path, at a time in s."""
@@ -363,7 +343,7 @@ class Sliders:
         self.now = self.now._replace(status=status, released=released)
         self.turns.append((t, which, 1))
 
-    def halt(self, run: Run, v: Array, t: float, which: int, slid: bool = True) -> None:
+    def halt(self, v: Array, t: float, which: int, slid: bool = True) -> None:
         """Let a slider stick at a time in s; what its slip speed differs from zero is taken from the velocities v.
 
         Where it has not slid in a step before, it stops only if it moves.
@@ -371,19 +351,36 @@ class Sliders:
         stuck, status, share = self.rigid & (self.now.status == 0), self.now.status.copy(), self.now.share.copy()
         stuck[which], status[which], share[which] = True, 0, np.inf
         self.turns += [(t, which, 0)] if slid or not self.small(self.slip(v, t), v, t)[which] else []
-        self._arrest(run, stuck, v, t)
-        self.now = self.now._replace(status=status, share=share)
+        rows, belt, answers = self.matrix[stuck], self.speeds(t)[stuck], self._moved[stuck]
+        impulse, jumps = np.linalg.solve(rows @ answers.T, rows @ v - belt), self.now.jumps.copy()
+        change = impulse @ answers
+        jumps[stuck] += impulse * (rows @ (v - 0.5 * change) - belt)
+        v -= change
+        work = self.now.work - float(impulse @ belt)
+        self.now = self.now._replace(status=status, share=share, jumps=jumps, work=work)
 
-    def steps(self, run: Run, path: Path, t: Array, forcing: Forcing) -> int:
-        """Take and enter steps that end at times in s, as far as a path has room; return their number.
+    def steps(self, run: Run, path: Path, h: float, t: Array, forcing: Forcing, cut: bool) -> int:
+        """Take steps of size h that end at times in s, as far as a path has room; return their number.
 
+        They are entered if they may be cut, see `step`; otherwise the path is filled by them.
         Afterwards `lost` says whether the next one has no solution.
         """
-        assert run.dt is not None
-        taken, self.lost = 0, False
-        while taken < t.size and path.filled + _CUTS + 1 < path.t.size and not self.lost:
-            self.lost = not self.step(run, path, run.dt, float(t[taken]), forcing.at(taken), cut=True)
-            taken += not self.lost
+        taken, some, self.lost = 0, _SOME, False
+        while taken < t.size and not self.lost:
+            room = path.t.size - 1 - path.filled - cut * _CUTS
+            if room < 1:
+                break
+            after = min(taken + min(some, room), t.size)
+            count = self._quiet(run, path, h, t[taken:after], forcing.part(taken, after)) if after > taken + 1 else 0
+            if count and cut:
+                run.enter(path, h, t[taken : taken + count], forcing.part(taken, taken + count))
+            path.filled += 0 if cut else count
+            taken, some = taken + count, 2 * some if count else _SOME
+            if taken < after:
+                # A slider may turn within this step.
+                self.lost = not self.step(run, path, h, float(t[taken]), forcing.part(taken, taken + 1), cut)
+                path.filled += not (cut or self.lost)
+                taken += not self.lost
         return taken
 
     def step(self, run: Run, path: Path, h: float, end: float, forcing: Forcing, cut: bool) -> bool:
@@ -410,7 +407,7 @@ class Sliders:
                         return False
                 self.accept(run, path, h, stop)
             if ends:
-                self.halt(run, path.chunk.v[row], stop, which, not at_once)
+                self.halt(path.chunk.v[row], stop, which, not at_once)
             if not cut:
                 if not at_once:
                     return True

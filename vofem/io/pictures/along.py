@@ -12,10 +12,11 @@ from vofem._validate import array
 from vofem.bodies import Beam
 from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
-from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, ink, legend, plain, stroke, text_size
+from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, ink, legend, plain, single, stroke, text_size
 from vofem.io.pictures.histories import closed_intervals, end_of, times_of
-from vofem.io.pictures.places import Place, along_beam, between_masses, is_line, one_beam, one_line
+from vofem.io.pictures.places import Place, along_beam, between_masses, is_line, one_line
 from vofem.io.pictures.units import length
+from vofem.lookup import the_beam
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.statics import Equilibrium
@@ -94,7 +95,7 @@ class _Shapes:
         within = scene if isinstance(outcome, Equilibrium) else outcome.scene
         assert within is not None
         self.times = times
-        self.beam = one_beam(within, body)
+        self.beam = the_beam(within.bodies, body)
         self.places = along_beam(within, self.beam)
         self.x = np.union1d(np.linspace(self.beam.nodes[0], self.beam.nodes[-1], _POINTS), self.beam.nodes)
         self.held = np.array([p.x for p in self.places])
@@ -199,8 +200,7 @@ def space_time(
     peak = float(np.max(np.abs(eta)))
     bound = min(peak, 3.0 * float(np.sqrt(np.mean(eta**2))))
     factor, unit = length(bound)
-    canvas = Canvas("space_time", path, ax, (10.0, 5.2))
-    axes = canvas.grid[0, 0]
+    canvas, axes = single("space_time", path, ax, (10.0, 5.2))
     axes.grid(False)
     limit = bound / factor or 1.0
     style: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -limit, "vmax": limit, "rasterized": True}

@@ -172,6 +172,12 @@ class Canvas:
         return save(self.figure, self._goal)
 
 
+def single(what: str, path: Where, ax: Any, size: tuple[float, float]) -> tuple[Canvas, Any]:
+    """Return a canvas of one picture, and its axes."""
+    canvas = Canvas(what, path, ax, size)
+    return canvas, canvas.grid[0, 0]
+
+
 def _new_figure(goal: Path | None, **options: Any) -> Any:
     if goal is None:
         from matplotlib import pyplot

@@ -11,7 +11,7 @@ from vofem.errors import ArgumentError
 from vofem.histories import ContactHistory
 from vofem.histories.impacts import window_of
 from vofem.histories.touches import spans_of
-from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, ink, plain, text_size
+from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, ink, plain, single, text_size
 from vofem.io.pictures.units import prefixed
 from vofem.result import Result
 
@@ -66,8 +66,7 @@ def force_histogram(
             f"looked at between {begin:g} and {end:g} s; choose a longer window, or name more times= when simulating"
         )
     factor, unit = prefixed(float(np.max(np.abs(force))), history.units.force)
-    canvas = Canvas("force_histogram", path, ax, (7.2, 4.4))
-    axes = canvas.grid[0, 0]
+    canvas, axes = single("force_histogram", path, ax, (7.2, 4.4))
     axes.hist(force / factor, bins=bins, weights=np.full(force.size, 1.0 / force.size), color=COLORS[0])
     axes.set(xlabel=f"force [{unit}]", ylabel="share of the time in touch [-]")
     share = 100.0 * force.size / times.size
@@ -148,8 +147,7 @@ def event_raster(
     if not names:
         raise ArgumentError("event_raster: the scene has no contacts")
     begin, end = window_of("event_raster", window, float(result.solution.t_end))
-    canvas = Canvas("event_raster", path, ax, (10.0, float(np.clip(1.4 + 0.34 * len(names), 2.4, 12.0))))
-    axes = canvas.grid[0, 0]
+    canvas, axes = single("event_raster", path, ax, (10.0, float(np.clip(1.4 + 0.34 * len(names), 2.4, 12.0))))
     for row in range(len(names)):
         span = spans_of(result, row)
         within = (span.end >= begin) & (span.begin <= end)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
-from vofem.bodies import Beam
+from vofem._validate import name_of
 from vofem.bodies.base import Body
 from vofem.bodies.path import TravellingPoint
 from vofem.effects import Contact, Foundation, RigidStop
 from vofem.errors import ArgumentError
 from vofem.scene import Scene
-
-AnyBody = TypeVar("AnyBody", bound=Body)
 
 
 def is_line(body: Body) -> bool:
@@ -69,16 +67,8 @@ def between_masses(scene: Scene) -> list[Place]:
 
 def one_line(scene: Scene, body: Body | str | None) -> Body:
     """Return the line of a scene with this name, or the only one. A line is a beam or a similar body."""
-    return _only([b for b in scene.bodies if is_line(b)], body)
-
-
-def one_beam(scene: Scene, body: Beam | str | None) -> Beam:
-    """Return the beam of a scene with this name, or the only one."""
-    return _only([b for b in scene.bodies if isinstance(b, Beam)], body)
-
-
-def _only(bodies: list[AnyBody], body: Body | str | None) -> AnyBody:
-    wanted = [b for b in bodies if body is None or b.name == getattr(body, "name", body)]
+    lines = [b for b in scene.bodies if is_line(b)]
+    wanted = [b for b in lines if body is None or b.name == name_of(body)]
     if len(wanted) != 1:
-        raise ArgumentError(f"the scene has the beams {[b.name for b in bodies]}; say which one with body=")
+        raise ArgumentError(f"the scene has the beams {[b.name for b in lines]}; say which one with body=")
     return wanted[0]

@@ -9,19 +9,7 @@ from vofem.arrays import Array
 from vofem.bodies import Beam
 from vofem.effects import Joint
 from vofem.errors import ArgumentError
-from vofem.io.pictures.drawing import (
-    BLOCK,
-    GROUND,
-    INK,
-    MASS,
-    OPEN_TEXT,
-    OUTLINE,
-    PAPER,
-    SPRING,
-    Drawing,
-    Label,
-    Strip,
-)
+from vofem.io.pictures.drawing import BLOCK, GROUND, INK, MASS, OPEN_TEXT, OUTLINE, PAPER, SPRING, Drawing, Label, Strip
 from vofem.io.pictures.layout import BAR, Lane, Layout, arrange, full_scale, side_of_ground
 from vofem.io.pictures.links import add_contact_forces, add_links, add_loads
 from vofem.io.pictures.places import is_line

@@ -278,9 +278,8 @@ def _times_of_range(result: Result) -> Array:
 def _sampled(beam: Beam, deflection: Field, bending_moment: Field) -> tuple[Array, Array, Array]:
     """Return x (k,), eta (k, n_times) and M (k, n_times) along a beam.
 
-    The moment of cubic elements jumps from one to the next by the error of
-    discretisation; at a node the mean of both sides is drawn. Where a support
-    takes up a moment the jump is real: x occurs twice there.
+    The moment of cubic elements jumps from one to the next by the error of discretisation; at a node the mean of both
+    sides is drawn. Where a support takes up a moment the jump is real: x occurs twice there.
     """
     count = beam.element_lengths.size
     if count > 2 * _POINTS:

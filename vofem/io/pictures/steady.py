@@ -13,7 +13,7 @@ from vofem._validate import several
 from vofem.arrays import Array
 from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
-from vofem.io.pictures.axes import COLORS, Canvas, Where, color_of, figure, ink, legend, plain, stroke, text_size
+from vofem.io.pictures.axes import COLORS, Where, color_of, figure, ink, legend, plain, single, stroke, text_size
 from vofem.io.pictures.units import length
 from vofem.studies.steady import Branch, Locus, PeriodicOrbit, PoincareSection
 
@@ -31,11 +31,7 @@ MARKS = {
 _ON_LOCI = {**MARKS, "turn": ("o", 0, "turn"), "cusp": ("*", 0, "cusp")}
 
 #: Lines of orbits by their stability: width, style and name.
-_LINES = {
-    True: ("-", 1.8, "stable"),
-    False: ("--", 1.3, "unstable"),
-    None: ("-", 0.9, "stability not decided"),
-}
+_LINES = {True: ("-", 1.8, "stable"), False: ("--", 1.3, "unstable"), None: ("-", 0.9, "stability not decided")}
 
 #: So many special points are marked at full size.
 _FEW = 8
@@ -77,8 +73,7 @@ def response_curve(
     heights = [one.amplitude(place) for one in branches]
     marked = [[(s, s.orbit.amplitude(place)) for s in one.special] for one in branches]
     scale = length(float(max(part.max() for part in heights)))
-    canvas = Canvas("response_curve", path, ax, (9.0, 5.4))
-    axes = canvas.grid[0, 0]
+    canvas, axes = single("response_curve", path, ax, (9.0, 5.4))
     for k, (one, amplitude) in enumerate(zip(branches, heights, strict=True)):
         color = color_of(k)
         for stable, part in _runs(one):
@@ -128,8 +123,7 @@ def locus(
         If an argument is not a locus.
     """
     loci = several("locus: curves", curves, Locus, "vf.locus")
-    canvas = Canvas("locus", path, ax, (9.0, 5.4))
-    axes = canvas.grid[0, 0]
+    canvas, axes = single("locus", path, ax, (9.0, 5.4))
     for one in loci:
         _, number, name = MARKS[one.kind]
         shown = f"{name} of {one.contact}" if one.contact else name
@@ -159,7 +153,7 @@ def _runs(branch: Branch) -> Iterator[tuple[bool | None, slice]]:
 
 @figure
 def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: Where = None, *, ax: Any = None) -> Any:
-    """Draw Floquet multipliers in the complex plane, with the unit circle.
+    """Draw Floquet multipliers in the complex plane, with the unit circle; orbits without known ones are left out.
 
     Parameters
     ----------
@@ -170,17 +164,17 @@ def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: W
     Raises
     ------
     ArgumentError
-        If the multipliers of an orbit are not known.
+        If the multipliers of no orbit are known.
     """
     given = list(orbit.orbits) if isinstance(orbit, Branch) else orbit
     orbits = several("multipliers: orbit", given, PeriodicOrbit, "vf.periodic")
     known = [one.multipliers for one in orbits if one.multipliers is not None]
-    if not known or len(known) < len(orbits):
+    if not known:
         raise ArgumentError(
-            "multipliers: the multipliers of an orbit are not known, because a law has a memory; its notes name the law"
+            "multipliers: the multipliers of no orbit are known. If its notes name a law with a memory, simulate the "
+            "scene to see whether it settles; otherwise take more harmonics"
         )
-    canvas = Canvas("multipliers", path, ax, (6.4, 5.6))
-    axes = canvas.grid[0, 0]
+    canvas, axes = single("multipliers", path, ax, (6.4, 5.6))
     turn = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 361))
     axes.fill(turn.real, turn.imag, color="#eef1f6", linewidth=stroke(0.0), zorder=0)
     axes.plot(turn.real, turn.imag, color="#9aa0aa", linewidth=stroke(1.2), label="unit circle")
@@ -228,8 +222,7 @@ def phase_portrait(
     """
     orbits = several("phase_portrait: orbit", orbit, PeriodicOrbit, "vf.periodic")
     place = as_point("phase_portrait: point", point)
-    canvas = Canvas("phase_portrait", path, ax, (7.6, 5.4))
-    axes = canvas.grid[0, 0]
+    canvas, axes = single("phase_portrait", path, ax, (7.6, 5.4))
     drawn = []
     for one in orbits:
         times = np.unique(np.concatenate([np.linspace(0.0, one.period, _DENSE), _events(one)[0]]))
@@ -287,8 +280,7 @@ def poincare_section(section: PoincareSection, point: Any, path: Where = None, *
     place = as_point("poincare_section: point", point)
     u, v = section.displacement(place), section.velocity(place)
     scale = length(float(np.abs(u).max()))
-    canvas = Canvas("poincare_section", path, ax, (6.8, 5.4))
-    axes = canvas.grid[0, 0]
+    canvas, axes = single("poincare_section", path, ax, (6.8, 5.4))
     axes.plot(u / scale[0], v / scale[0], ".", color=ink(), markersize=3.0 if len(section) > 200 else 6.0)
     axes.set(xlabel=f"displacement [{scale[1]}]", ylabel=f"velocity [{scale[1]}/s]")
     axes.set_title(
@@ -312,8 +304,7 @@ def backbone_curve(branch: Branch | Sequence[Branch], path: Where = None, *, ax:
         If the branch is not a backbone.
     """
     branches = several("backbone_curve: branch", branch, Branch, "vf.backbone")
-    canvas = Canvas("backbone_curve", path, ax, (7.6, 5.2))
-    axes = canvas.grid[0, 0]
+    canvas, axes = single("backbone_curve", path, ax, (7.6, 5.2))
     for k, one in enumerate(branches):
         color = color_of(k)
         label = None if len(branches) == 1 else f"backbone {k + 1}"

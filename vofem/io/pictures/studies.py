@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vofem._validate import choice, wrong
 from vofem.errors import ArgumentError
 from vofem.fitting import Fit
-from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, figure, ink, legend, plain, stroke, text_size
+from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, figure, ink, legend, plain, single, stroke, text_size
 from vofem.io.scene_file import point_named
 from vofem.studies.diagrams import Basins, BifurcationDiagram, StabilityMap
 from vofem.studies.steady import Branch
@@ -60,8 +60,7 @@ def bifurcation(
     ArgumentError
         If the diagram has no such point.
     """
-    canvas = Canvas("bifurcation", path, ax, (9.0, 5.2))
-    axes = canvas.grid[0, 0]
+    canvas, axes = single("bifurcation", path, ax, (9.0, 5.2))
     size = float(np.clip(_AREA / diagram.values.size, 0.8, 3.5))
     for color, start in zip((COLORS[1], COLORS[0], COLORS[2]), diagram.samples, strict=False):
         samples = diagram.displacement(point, start)
@@ -153,8 +152,7 @@ def basin_map(basins: Basins, path: Where = None, *, labels: tuple[str, str] | N
     names = [one.name for one in basins.attractors]
     colors = [*COLORS[: min(len(names), _MOST)], "#d7dade"]
     index = np.where(basins.index < 0, len(colors) - 1, np.minimum(basins.index, len(colors) - 1))
-    canvas = Canvas("basin_map", path, ax, (7.4, 5.2))
-    axes = canvas.grid[0, 0]
+    canvas, axes = single("basin_map", path, ax, (7.4, 5.2))
     norm = BoundaryNorm(np.arange(len(colors) + 1) - 0.5, len(colors))
     axes.grid(False)
     axes.pcolormesh(rows, columns, index.T, shading="nearest", cmap=ListedColormap(colors), norm=norm)
@@ -199,8 +197,7 @@ def state_map(
 
     choice("state_map: quantity", quantity, tuple(_LABELS))
     values = found.amplitude if quantity == "amplitude" else np.abs(found.multiplier)
-    canvas = Canvas("state_map", path, ax, (7.8, 5.2))
-    axes = canvas.grid[0, 0]
+    canvas, axes = single("state_map", path, ax, (7.8, 5.2))
     axes.grid(False)
     # Grey shows where no orbit was found.
     axes.set_facecolor("#d7dade")
@@ -254,8 +251,7 @@ def sweep_curves(
     """Draw quantities of a sweep over its parameters.
 
     A grid of one parameter gives curves, and a grid of two parameters gives maps, the first parameter along x. There is
-    one panel for each quantity.
-    Points that failed are left blank.
+    one panel for each quantity. Points that failed are left blank.
 
     Parameters
     ----------

@@ -10,7 +10,6 @@ import numpy as np
 from vofem.integrators.registry import method_named
 from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, figure, ink, plain, stroke, text_size
 from vofem.studies.accuracy import Study
-from vofem.studies.accuracy.study import Setting
 
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 
@@ -39,7 +38,10 @@ def work_precision(study: Study, path: Where = None, title: str = "", *, ax: Any
     # An error of zero is drawn at the level of rounding, because its logarithm is minus infinity.
     lowest = max(study.floor, 1e-16)
     for axes, what in zip(grid[0], ("seconds", "steps"), strict=True):
-        for (method, n, _), runs in groupby(study.runs, key=lambda run: _series(run.setting)):
+        series = groupby(
+            study.runs, key=lambda run: (run.setting.method, run.setting.elements, run.setting.tol is None)
+        )
+        for (method, n, _), runs in series:
             part = list(runs)
             x = [getattr(run, what) for run in part]
             y = [max(study.relative(run), 0.5 * lowest) for run in part]
@@ -53,10 +55,6 @@ def work_precision(study: Study, path: Where = None, title: str = "", *, ax: Any
     if title:
         figure.suptitle(plain(title), fontsize=text_size(11))
     return canvas
-
-
-def _series(setting: Setting) -> tuple[str, int, bool]:
-    return setting.method, setting.elements, setting.tol is None
 
 
 def _limits(axes: Any, study: Study, meshes: list[int]) -> None:

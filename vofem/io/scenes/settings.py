@@ -218,12 +218,10 @@ class OutputSettings:
     """What `vofem run` draws and writes."""
 
     history: Annotated[
-        tuple[Any, ...],
-        OneOrMore(AtPoint(), "Points whose motion is written and drawn. Without it points are chosen."),
+        tuple[Any, ...], OneOrMore(AtPoint(), "Points whose motion is written and drawn. Without it points are chosen.")
     ] = ()
     pictures: Annotated[
-        tuple[float, ...],
-        OneOrMore(Real(least=0), "Times of side views in s. Without it a time is chosen."),
+        tuple[float, ...], OneOrMore(Real(least=0), "Times of side views in s. Without it a time is chosen.")
     ] = ()
 
 

@@ -51,7 +51,7 @@ _SAME = 1e-8
 _AGAIN = "follow the branch again with vofem.continuation"
 
 #: Version of the format. It is increased when this version could not read the new files.
-FORMAT = 3
+FORMAT = 4
 
 
 def save(curve: Branch | Locus, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
@@ -94,7 +94,6 @@ def _orbits(orbits: Sequence[PeriodicOrbit], folder: Path) -> dict[str, Any]:
         except SceneFileError as error:
             texts.append("")
             problems.append(str(error))
-    known = [orbit.multipliers is not None for orbit in orbits]
     starts = [orbit.start is not None for orbit in orbits]
     return {
         "scenes": texts,
@@ -106,7 +105,7 @@ def _orbits(orbits: Sequence[PeriodicOrbit], folder: Path) -> dict[str, Any]:
         "autonomous": np.array([orbit.autonomous for orbit in orbits]),
         "stable": [orbit.stable for orbit in orbits],
         "notes": [list(orbit.notes) for orbit in orbits],
-        "multipliers": np.array([orbit.multipliers for orbit in orbits]) if all(known) and known else None,
+        "multipliers": [orbit.multipliers for orbit in orbits],
         "truncation": [None if orbit.truncation is None else list(astuple(orbit.truncation)) for orbit in orbits],
         "unknowns": [orbit.unknowns for orbit in orbits],
         "q": np.array([orbit.start.q for orbit in orbits if orbit.start]) if all(starts) and starts else None,
@@ -177,7 +176,7 @@ def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicO
             method,
             omega,
             periods,
-            multipliers=None if kept["multipliers"] is None else kept["multipliers"][k],
+            multipliers=kept["multipliers"][k],
             residual=float(kept["residual"][k]),
             result=result,
             motion=motion,

@@ -12,8 +12,8 @@ import numpy as np
 
 from vofem.errors import OutputError, StorageError
 from vofem.files.hdf5 import check_format, mark_format, reading, writing
-from vofem.files.whole import impossible, target, try_to_write
-from vofem.io.storage.records import Encoder, decode, restored_scene, scene_record
+from vofem.files.whole import path_of, target, try_to_write
+from vofem.io.storage.records import decode, encoder, restored_scene, scene_record
 from vofem.io.storage.tree import read_tree, write_tree
 from vofem.progress import Progress
 from vofem.result import Result
@@ -75,7 +75,7 @@ class _Writers:
                 own = blocks.file.create_group("vofem_checkpoint")
                 mark_format(own, FORMAT)
                 record = {"scene": kept, "plan": plan, "snapshot": snapshot}
-                write_tree(own.create_group("run"), record, Encoder(times))
+                write_tree(own.create_group("run"), record, encoder(times))
             self.last = _identity(self.goal)
 
         return write
@@ -89,11 +89,12 @@ def resume(
     checkpoint_every: float = 60.0,
 ) -> Result:
     """Continue a run from its checkpoint; see `vofem.resume`."""
-    found = _identity(Path(path)) if isinstance(path, (str, os.PathLike)) and impossible(Path(path)) is None else None
-    with reading(path, "a checkpoint of vofem.simulate") as file:
+    expected = "a checkpoint of vofem.simulate"
+    found = _identity(path_of(path, expected))
+    with reading(path, expected) as file:
         if "vofem_checkpoint" not in file:
             kind = "a saved run: read it with vofem.load" if "vofem" in file else "an HDF5 file of another program"
-            raise StorageError(f"{file.filename} is {kind}; expected a checkpoint of vofem.simulate")
+            raise StorageError(f"{file.filename} is {kind}; expected {expected}")
         own = file["vofem_checkpoint"]
         check_format(own, FORMAT)
         record = read_tree(own["run"], decode)

@@ -15,7 +15,7 @@ from vofem.files.whole import target
 from vofem.fitting import Fit
 from vofem.fitting.fit import FitStart
 from vofem.fitting.measured import Data, StoredData
-from vofem.io.storage.records import Encoder, decode, restored_scene, scene_record
+from vofem.io.storage.records import decode, encoder, restored_scene, scene_record
 from vofem.io.storage.tree import read_tree, write_tree
 from vofem.scene import Scene
 from vofem.sensitivities import Parameter
@@ -49,7 +49,7 @@ def save(fit: Fit, path: str | os.PathLike[str], *, overwrite: bool = False) -> 
     with writing(goal, overwrite=overwrite) as blocks:
         group = blocks.file.create_group(GROUP, track_order=True)
         mark_format(group, FORMAT)
-        write_tree(group, record, Encoder(times))
+        write_tree(group, record, encoder(times))
     return goal
 
 
@@ -70,7 +70,7 @@ def read(file: h5py.File, scene: Scene | None = None) -> Fit:
     ]
     return Fit(
         tuple(parameters),
-        tuple(StoredData(**one) for one in record["data"]),
+        tuple(StoredData(places=one.pop("where"), **one) for one in record["data"]),
         scene,
         tuple(FitStart(*start) for start in record["starts"]),
         **{name: record[name] for name in _NUMBERS},

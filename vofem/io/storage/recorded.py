@@ -1,10 +1,9 @@
 """The substitute in a loaded run for a Python function: what it was asked, and what it answered.
 
-Before a scene is saved, `Recorder` copies it with functions that note every argument
-and value. The scene is assembled once more, and its loads and laws are
-evaluated where the run has used them. A file holds these values. When it is
-loaded, assembly asks for the same values again and finds all of them, to the
-last bit. Any other value raises `MissingCallableError`, which names the function.
+Before a scene is saved, `Recorder` copies it with functions that note every argument and value. The scene is assembled
+once more, and its loads and laws are evaluated where the run has used them. A file holds these values. When it is
+loaded, assembly asks for the same values again and finds all of them, to the last bit. Any other value raises
+`MissingCallableError`, which names the function.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Scenes as plain data: writing and reading.
 
-A scene is stored as what its bodies and effects declare, and assembled again when
-it is loaded. A loaded run therefore needs no mesh files and no Python functions;
-`recorded` describes how values of Python functions are stored.
+A scene is stored as what its bodies and effects declare, and assembled again when it is loaded. A loaded run therefore
+needs no mesh files and no Python functions; `recorded` describes how values of Python functions are stored.
 """
 
 from __future__ import annotations
@@ -22,6 +21,7 @@ from vofem.fractional import TabulatedOrder
 from vofem.initial import StoredState
 from vofem.io.scenes.schema import BODIES, EFFECTS
 from vofem.io.storage.recorded import RecordedLoad, Recorder, Recording, is_plain, name_of
+from vofem.io.storage.tree import Encode
 from vofem.laws import past_of
 from vofem.laws.law import FORCE, STORED
 from vofem.parameters import values_of
@@ -130,17 +130,13 @@ def equations(system: System) -> str:
     return found.hexdigest()
 
 
-class Encoder:
-    """Turns the parts of a scene into plain data; see `tree.write_tree`.
+def encoder(times: Array) -> Encode:
+    """Return what turns the parts of a scene into plain data; see `tree.write_tree`.
 
     `times` (shape (n_times,)): times of the loads in s at which a run has used functions of other packages.
     """
 
-    def __init__(self, times: Array) -> None:
-        self._times = times
-
-    def __call__(self, value: Any) -> tuple[str, Any] | None:
-        """Return tag and plain data, or None for what is plain."""
+    def encode(value: Any) -> tuple[str, Any] | None:
         name = _NAMES_OF.get(type(value))
         if name is not None:
             return name, _values(value)
@@ -152,11 +148,13 @@ class Encoder:
             return "plain", value.recorded()
         if isinstance(value, TimeFunction) and not is_plain(value):
             function = Recorder().function(value).function
-            function(self._times)
+            function(times)
             return "recorded_load", function
         if callable(value) and not is_plain(value):
             return "plain", Recording(value, name_of(value)).recorded()
         return None
+
+    return encode
 
 
 def _values(thing: Any) -> dict[str, Any]:

@@ -30,7 +30,7 @@ from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.stepped import SteppedSolution
 from vofem.io.scenes.scene_text import scene_to_toml
 from vofem.io.storage.history import read_history, write_history
-from vofem.io.storage.records import Encoder, decode, restored_scene, scene_record
+from vofem.io.storage.records import decode, encoder, restored_scene, scene_record
 from vofem.io.storage.tree import read_array, read_tree, write_array, write_text, write_tree
 from vofem.io.storage.vtkhdf import frame_times, write_fields
 from vofem.kernels.mode import kernels
@@ -52,12 +52,7 @@ def solution_record(solution: Solution) -> dict[str, Any]:
         kept = [field.name for field in fields(solution) if field.name not in _ELSEWHERE]
         return {"kind": "stepped", **{name: getattr(solution, name) for name in kept}}
     from vofem.integrators.event_driven import EventSolution
-    from vofem.integrators.event_driven.lifted import TruncatedSolution
 
-    if isinstance(solution, TruncatedSolution):
-        kept = ["vectors", "truncation", "tolerance", "beams"]
-        lifted = {name: getattr(solution, name) for name in kept}
-        return {"kind": "truncated", "reduced": solution_record(solution.reduced), **lifted}
     if not isinstance(solution, EventSolution):
         raise ArgumentError(
             f"save: this result holds a {type(solution).__name__}, for which files of runs have no place; expected the "
@@ -65,7 +60,7 @@ def solution_record(solution: Solution) -> dict[str, Any]:
             "branch, vofem.continuation(...).save('branch.h5'), or as a run that starts from it: "
             "vofem.simulate(scene, orbit.period, initial=orbit).save(...)"
         )
-    names = ("space", "t_end", "counters", "notes")
+    names = ("space", "t_end", "counters", "notes", "vectors", "truncation")
     record = {"kind": "event_driven", "system": solution.given, **{name: getattr(solution, name) for name in names}}
     # Growth of disturbances that was not computed before saving is computed when it is asked for.
     return record | {"sensitivity": solution.__dict__.get("sensitivity")}
@@ -90,32 +85,23 @@ def restored_solution(
         return SteppedSolution(**record, times=times, samples=samples, stored=Energies(*parts), events=events)
     from vofem.integrators.event_driven import EventSolution
 
-    if kind == "truncated":
-        from vofem.integrators.event_driven.lifted import TruncatedSolution
-
-        reduced: Any = restored_solution(record.pop("reduced"), group, samples, energy, events, times)
-        return TruncatedSolution(reduced, times=times, **record)
-    sensitivity = record.pop("sensitivity")
+    sensitivity, vectors, truncation = (record.pop(name) for name in ("sensitivity", "vectors", "truncation"))
     rows = group["segments"]
     segments = Segments(**{name: read_array(rows[name]) for name in Segments._fields})
     kind_of: type[EventSolution] = EventSolution
     if record["system"].sliders is not None:
         from vofem.integrators.event_driven.sliding import SlidingSolution as kind_of  # noqa: N813
     solution = kind_of.restored(**record, times=times, segments=segments, events=events)
+    solution.vectors, solution.truncation = vectors, truncation
     if sensitivity is not None:
         solution.__dict__["sensitivity"] = sensitivity
     return solution
 
 
-def has_segments(result: Result) -> bool:
-    """Return whether a run is a sequence of segments."""
-    return not isinstance(result.solution, SteppedSolution)
-
-
 SUFFIXES = (".vtkhdf", ".h5", ".hdf")
 
 #: Version of the format. It is increased when this version could not read the new files.
-FORMAT = 3
+FORMAT = 4
 
 
 def save(
@@ -150,8 +136,8 @@ def save(
             "t_start": result.t_start,
             "start": result.start,
         }
-        write_tree(own.create_group("run"), record, Encoder(used))
-        if has_segments(result):
+        write_tree(own.create_group("run"), record, encoder(used))
+        if not isinstance(result.solution, SteppedSolution):
             write_segments(blocks, own.create_group("segments"), result.solution)
         write_history(blocks, result)
         write_fields(blocks, file.create_group("VTKHDF"), result, times, magnification)
@@ -206,7 +192,7 @@ def read(file: h5py.File, scene: Scene | None = None) -> Result:
     record = read_tree(own["run"], decode)
     scene, t_start = restored_scene(record["scene"], scene, "load", "file"), record["t_start"]
     model = model_at(scene.model, t_start)
-    if "system" in record["solution"]:
+    if record["solution"]["system"] is None:
         record["solution"]["system"] = model.system
     compiled = bool(own.attrs["compiled"])
     with kernels(compiled=compiled):

@@ -1,11 +1,9 @@
 """Nested data in an HDF5 group, and back bit for bit.
 
-What may be nested: dicts, lists, tuples, sparse matrices, arrays of numbers,
-numbers, strings, None, and data classes of this package that have a name in
-`NAMES`. A named tuple is written as a tuple. The nest is one text (JSON) in
-the dataset ``tree``; every array is a dataset beside it, named by its path. If
-two fields hold the same object, both hold one object after reading. Arrays are
-stored once for each field.
+What may be nested: dicts, lists, tuples, sparse matrices, arrays of numbers, numbers, strings, None, and data classes
+of this package that have a name in `NAMES`. A named tuple is written as a tuple. The nest is one text (JSON) in the
+dataset ``tree``; every array is a dataset beside it, named by its path. If two fields hold the same object, both hold
+one object after reading. Arrays are stored once for each field.
 """
 
 from __future__ import annotations
@@ -15,13 +13,13 @@ import json
 import re
 from collections.abc import Callable
 from functools import cache
-from importlib import import_module
 from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.cards import imported
 from vofem.errors import ArgumentError, StorageError
 from vofem.files.hdf5 import FILTERS
 
@@ -70,8 +68,7 @@ def name_of_class(kind: type) -> str | None:
 @cache
 def class_named(name: str) -> Any:
     """Return the class that a name in `NAMES` stands for, imported when it is first needed."""
-    module, _, qualified = NAMES[name].partition(":")
-    return getattr(import_module(module), qualified)
+    return imported(NAMES[name])
 
 
 def write_tree(group: h5py.Group, value: Any, encode: Encode = lambda value: None) -> None:
@@ -158,9 +155,7 @@ class _Writer:
             kind = "tuple" if isinstance(value, tuple) else "list"
             return {kind: [self.node(part, f"{path}.{k}") for k, part in enumerate(value)]}
         if type(value).__name__ in _SPARSE:
-            parts = {
-                name: self._array(getattr(value, name), f"{path}.{name}") for name in ("data", "indices", "indptr")
-            }
+            parts = {name: self._array(getattr(value, name), f"{path}.{name}") for name in _PARTS}
             return {"sparse": type(value).__name__, "shape": [int(n) for n in value.shape], "parts": parts}
         raise ArgumentError(f"{path.removeprefix('.') or 'this'} is {value!r}, which a file cannot hold")
 

@@ -1,9 +1,8 @@
 """The group ``VTKHDF`` of a saved run: the fields as ParaView reads them.
 
-A temporal UnstructuredGrid of VTKHDF 2.0
-(https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/): points
-and cells at rest are written once, every step refers to them, and each field
-is one long dataset into which the steps point.
+A temporal UnstructuredGrid of VTKHDF 2.0 (https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/): points
+and cells at rest are written once, every step refers to them, and each field is one long dataset into which the steps
+point.
 """
 
 from __future__ import annotations

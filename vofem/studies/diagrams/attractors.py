@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from vofem._validate import number
 from vofem.arrays import Array
 from vofem.errors import ArgumentError
-from vofem.progress import SweepProgress
 from vofem.scene import Scene, as_scene
 from vofem.studies.diagrams.bifurcation import Stroboscope, order_of, stroboscope
 from vofem.studies.sweep import Sweep
-from vofem.studies.sweep.sweeping import sweep
+from vofem.studies.sweep.sweeping import SweepOptions, sweep
 
 
 @dataclass(frozen=True)
@@ -78,10 +77,7 @@ def basins(
     points: Any = None,
     period: float | None = None,
     method: str = "auto",
-    executor: Any = None,
-    workers: int | None = None,
-    store: Any = None,
-    progress: SweepProgress = None,
+    **options: Unpack[SweepOptions],
 ) -> Basins:
     """Return the steady motion to which each initial state of a grid leads.
 
@@ -92,9 +88,8 @@ def basins(
     grid : mapping of names to values
         Values that vary in the initial state. All combinations are run.
     start : callable, optional
-        ``start(**point)`` returns the initial state for a point of the grid, in a
-        form that `vofem.simulate` takes. Without it the names of the grid are
-        ``displacement`` and ``velocity``, in m and m/s, of the only body.
+        ``start(**point)`` returns the initial state for a point of the grid, in a form that `vofem.simulate` takes.
+        Without it the names of the grid are ``displacement`` and ``velocity``, in m and m/s, of the only body.
     periods : int
         Number of samples, one in each period of the loads. Attractors are
         recognised if they repeat after at most half as many periods.
@@ -108,8 +103,8 @@ def basins(
         Time between two samples in s. The default is the common period of the loads.
     method : str
         See `vofem.simulate`.
-    executor, workers, store, progress
-        As in `vofem.sweep`.
+    **options
+        Options of `vofem.sweep`, such as ``executor``, ``store`` and ``progress``.
 
     Returns
     -------
@@ -130,10 +125,7 @@ def basins(
                 f"'velocity' of one body, and the scene has {len(scene.bodies)}; for other starts give start="
             )
         start = functools.partial(_start_of, body=scene.bodies[0])
-    table = sweep(
-        functools.partial(_looks, scene=scene, start=start, how=how), grid,
-        executor=executor, workers=workers, store=store, progress=progress,
-    )  # fmt: skip
+    table = sweep(functools.partial(_looks, scene=scene, start=start, how=how), grid, **options)
     if not len(table):
         raise ArgumentError(f"basins: every run failed, the first with: {table.failed[0].error}")
     samples = table["looks"].reshape(-1, *table["looks"].shape[-3:])

@@ -6,7 +6,7 @@ import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,12 +15,11 @@ from vofem._validate import choice, name_of, unknown, whole
 from vofem.arrays import Array
 from vofem.errors import ArgumentError, VofemError
 from vofem.initial import StoredState
-from vofem.progress import SweepProgress
 from vofem.scene import Scene
 from vofem.simulate.simulation import simulate
 from vofem.studies.steady.loads import load_period
 from vofem.studies.steady.stroboscope import poincare
-from vofem.studies.sweep.sweeping import sweep
+from vofem.studies.sweep.sweeping import SweepOptions, sweep
 
 
 @dataclass(frozen=True)
@@ -97,9 +96,8 @@ class BifurcationDiagram:
     points : tuple of str
         Names of the points that were sampled.
     samples : dict of str to ndarray, shape (2, n_points, n_values, periods)
-        Displacements in m and velocities in m/s, by the start of the runs. The
-        runs of "rest" start from the initial state of their scene. Those of "up"
-        and "down" start from the end of the run before, along rising and falling
+        Displacements in m and velocities in m/s, by the start of the runs. The runs of "rest" start from the initial
+        state of their scene. Those of "up" and "down" start from the end of the run before, along rising and falling
         values. NaN where a run failed.
     failed : tuple of str
         A message for each run that failed.
@@ -156,10 +154,7 @@ def bifurcation_diagram(
     points: Any = None,
     period: float | None = None,
     method: str = "auto",
-    executor: Any = None,
-    workers: int | None = None,
-    store: Any = None,
-    progress: SweepProgress = None,
+    **options: Unpack[SweepOptions],
 ) -> BifurcationDiagram:
     """Return a stroboscopic diagram: displacement and velocity once a period of the loads, over a parameter.
 
@@ -174,18 +169,16 @@ def bifurcation_diagram(
     skip : int
         Periods of the loads before the first sample: the transient.
     follow : bool
-        Whether the values are also run in rising and in falling order, each run
-        starting where the one before it ended. Where several motions coexist,
-        the three diagrams differ.
+        Whether the values are also run in rising and in falling order, each run starting where the one before it ended.
+        Where several motions coexist, the three diagrams differ.
     points : point or sequence of points, optional
-        Points that are sampled; their bodies are found by name. The default is
-        the point of the first contact.
+        Points that are sampled; their bodies are found by name. The default is the point of the first contact.
     period : float, optional
         Time between two samples in s. The default is the common period of the loads.
     method : str
         See `vofem.simulate`.
-    executor, workers, store, progress
-        As in `vofem.sweep`.
+    **options
+        Options of `vofem.sweep`, such as ``executor``, ``store`` and ``progress``.
 
     Returns
     -------
@@ -202,21 +195,17 @@ def bifurcation_diagram(
             f"bifurcation_diagram: values is {values!r}, expected one or more numbers, shape (n_values,)"
         )
     how = stroboscope("bifurcation_diagram", points, period, periods, skip, method)
-    options = {"executor": executor, "workers": workers, "progress": progress}
     rest = sweep(
-        functools.partial(_from_rest, build=build, how=how),
-        {"value": given.tolist()}, store=_beside(store, "rest"), **options,
-    )  # fmt: skip
+        functools.partial(_from_rest, build=build, how=how), {"value": given.tolist()}, **_beside(options, "rest")
+    )
     if not len(rest):
         raise ArgumentError(f"bifurcation_diagram: every run failed, the first with: {rest.failed[0].error}")
     failed = [str(one) for one in rest.failed]
     samples = {"rest": np.moveaxis(rest["looks"], 0, 2)}
     if follow:
         orders = {"up": np.argsort(given, kind="stable"), "down": np.argsort(-given, kind="stable")}
-        chains = sweep(
-            functools.partial(_chain, build=build, how=how),
-            [{"values": given[order].tolist()} for order in orders.values()], store=_beside(store, "follow"), **options,
-        )  # fmt: skip
+        rows = [{"values": given[order].tolist()} for order in orders.values()]
+        chains = sweep(functools.partial(_chain, build=build, how=how), rows, **_beside(options, "follow"))
         if chains.failed:
             raise ArgumentError(f"bifurcation_diagram: {chains.failed[0].error}")
         for k, (name, order) in enumerate(orders.items()):
@@ -227,12 +216,13 @@ def bifurcation_diagram(
     return BifurcationDiagram(given, tuple(map(str, names)), samples, tuple(failed))
 
 
-def _beside(store: Any, part: str) -> Path | None:
-    """Return the file of one part of a diagram."""
+def _beside(options: SweepOptions, part: str) -> SweepOptions:
+    """Return the options of one part of a diagram, which has a store of its own."""
+    store = options.get("store")
     if store is None:
-        return None
+        return options
     path = Path(store)
-    return path.with_name(f"{path.stem}-{part}{path.suffix}")
+    return {**options, "store": path.with_name(f"{path.stem}-{part}{path.suffix}")}
 
 
 def _from_rest(value: float, build: Callable[[float], Scene], how: Stroboscope) -> dict[str, Any]:

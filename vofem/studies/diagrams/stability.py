@@ -5,19 +5,18 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.arrays import Array
 from vofem.errors import ArgumentError
-from vofem.progress import SweepProgress
 from vofem.scene import Scene
 from vofem.studies.diagrams.bifurcation import first_point
 from vofem.studies.steady.steady_state import periodic
 from vofem.studies.sweep import FailedPoint, Sweep
-from vofem.studies.sweep.sweeping import sweep
+from vofem.studies.sweep.sweeping import SweepOptions, sweep
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +63,7 @@ def stability_map(
     periods: int = 1,
     point: Any = None,
     method: str = "auto",
-    executor: Any = None,
-    workers: int | None = None,
-    store: Any = None,
-    progress: SweepProgress = None,
+    **options: Unpack[SweepOptions],
 ) -> StabilityMap:
     """Return the steady states to which motions from rest lead, over two parameters.
 
@@ -83,8 +79,8 @@ def stability_map(
         Point whose amplitude is computed; its body is found by name. The default is that of the first contact.
     method : str
         See `vofem.periodic`.
-    executor, workers, store, progress
-        As in `vofem.sweep`.
+    **options
+        Options of `vofem.sweep`, such as ``executor``, ``store`` and ``progress``.
 
     Returns
     -------
@@ -102,8 +98,8 @@ def stability_map(
     table = sweep(
         functools.partial(_state, build=build, periods=periods, point=point, method=method),
         {name: given.tolist() for name, given in values.items()},
-        executor=executor, workers=workers, store=store, progress=progress,
-    )  # fmt: skip
+        **options,
+    )
     if not len(table):
         raise ArgumentError(f"stability_map: no orbit was found at any point, at the first: {table.failed[0].error}")
     return StabilityMap(values["x"], values["y"], table["stable"], table["multiplier"], table["amplitude"], table)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Protocol, overload
+from typing import Any, ClassVar, Protocol, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,6 +103,8 @@ class Orbits(Sequence[PeriodicOrbit]):
 class Curve(Saved):
     """A curve of orbits that files hold and that notebooks show; see `Branch` and `Locus` for its attributes."""
 
+    _saver: ClassVar[str] = "curve"
+
     values: Array
     special: list[SpecialPoint]
     counters: BranchCounters
@@ -114,12 +115,6 @@ class Curve(Saved):
         """Return how many special points of each kind there are."""
         kinds = [point.kind for point in self.special]
         return ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "nothing special"
-
-    def _writer(self) -> Callable[..., Path]:
-        # Late, because studies know no file format.
-        from vofem.io.storage.branch_file import save
-
-        return save
 
 
 @dataclass(eq=False, repr=False, kw_only=True)

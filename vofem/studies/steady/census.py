@@ -33,10 +33,12 @@ class Census(NamedTuple):
     pairs: int  #: Number of pairs of complex multipliers.
 
 
-def multipliers(point: Point) -> Complex | None:
-    """Return the multipliers of a point, or None if the method does not compute them."""
+def multipliers(point: Point) -> Complex:
+    """Return the multipliers of a point; raise `ConvergenceError` where they are not known."""
     values = point.evaluation.multipliers
-    return None if values is None else np.asarray(values)
+    if values is None:
+        raise ConvergenceError("the multipliers of an orbit are not known")
+    return np.asarray(values)
 
 
 def _real(values: Complex) -> NDArray[np.bool_]:
@@ -48,10 +50,10 @@ def _beyond(values: Complex) -> NDArray[np.bool_]:
 
 
 def census(point: Point) -> Census | None:
-    """Return the numbers of multipliers beyond the unit circle, or None if the method does not compute them."""
-    values = multipliers(point)
-    if values is None:
+    """Return the numbers of multipliers beyond the unit circle, or None where multipliers are not known."""
+    if point.evaluation.multipliers is None:
         return None
+    values = multipliers(point)
     real = _real(values)
     pairs = int(np.sum(~real & _beyond(values))) // 2
     return Census(int(np.sum(real & (values.real > 1.0))), int(np.sum(real & (values.real < -1.0))), pairs)
@@ -72,7 +74,6 @@ def real_at(at: float) -> Test:
 
     def test(point: Point) -> float:
         values = multipliers(point)
-        assert values is not None
         factors = (1.0 - at * values) / np.hypot(1.0, np.abs(values))
         return float(np.prod(factors).real)
 
@@ -82,7 +83,6 @@ def real_at(at: float) -> Test:
 def pair(point: Point) -> float:
     """Return how far the complex pair that is nearest to the unit circle lies outside of it."""
     values = multipliers(point)
-    assert values is not None
     size = np.abs(values[~_real(values)])
     if not size.size:
         raise ConvergenceError("the pair has become real")
@@ -92,7 +92,6 @@ def pair(point: Point) -> float:
 def stays_on_circle(point: Point) -> bool:
     """Return whether a complex pair lies on the unit circle, as most do without damping; `pair` is then rounding."""
     values = multipliers(point)
-    assert values is not None
     away = np.abs(np.abs(values[~_real(values)]) - 1.0)
     return bool(np.min(away, initial=1.0) <= _ON_CIRCLE)
 
@@ -104,7 +103,6 @@ def collision(point: Point) -> float:
     difference changes its sign.
     """
     values = multipliers(point)
-    assert values is not None
     upper = values[~_real(values) & (values.imag > 0.0)]
     z = upper + 1.0 / upper
     squares = np.square(np.subtract.outer(z, z)[np.triu_indices(z.size, 1)]).real
@@ -123,7 +121,6 @@ def pairs_at_one(reference: Point) -> Test:
 
     def size(point: Point) -> tuple[float, float]:
         values = multipliers(point)
-        assert values is not None
         products = np.multiply.outer(values, values)[np.triu_indices(values.size, 1)]
         factors = (1.0 - products) / np.hypot(1.0, np.abs(products))
         away = np.abs(factors)
@@ -163,7 +160,6 @@ def counted(which: int, middle: float) -> Test:
 
     def test(point: Point) -> float:
         values, known = multipliers(point), census(point)
-        assert values is not None
         assert known is not None
         size = np.abs(values)
         away = np.abs(size[~_real(values)] - 1.0) if which == 2 else np.abs(1.0 - (1.0, -1.0)[which] * values)
@@ -175,7 +171,6 @@ def counted(which: int, middle: float) -> Test:
 def kind_of(point: Point) -> str:
     """Return the kind of a special point at which a multiplier lies on the unit circle."""
     values = multipliers(point)
-    assert values is not None
     nearest = int(np.argmin(np.abs(np.abs(values) - 1.0)))
     if not _real(values)[nearest]:
         return "neimark_sacker"

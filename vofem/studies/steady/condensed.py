@@ -21,9 +21,8 @@ from vofem.arrays import Array
 from vofem.errors import MethodError
 from vofem.integrators.base import Truncation
 from vofem.integrators.event_driven.flow import modes_of
-from vofem.integrators.event_driven.lifted import TruncatedSolution
 from vofem.integrators.event_driven.run import run
-from vofem.integrators.event_driven.solution import EventSolution
+from vofem.integrators.event_driven.truncated import lifted
 from vofem.integrators.reduction import Reduction, input_rows
 from vofem.result import Result
 from vofem.scene import Scene
@@ -213,9 +212,8 @@ def condensed_result(scene: Scene, few: Condensed, state: State, duration: float
     times = np.linspace(0.0, duration, TIMES)
     begin = few.project(state)
     solution = run(few.system, begin, duration, times, truncation=0.0)
-    assert isinstance(solution, EventSolution)
     left_out = few.truncation(duration, error)
     kept = Truncation(few.vectors.shape[1], few.full.size, left_out.error, duration, few.rounding)
-    lifted = TruncatedSolution(solution, few.vectors, times, kept, GOOD, bool(np.any(few.full.rotation)))
-    lifted.notes[0] = f"truncation: {left_out.what}"
-    return Result(scene, "event_driven", lifted, start=state)
+    lifted(solution, few.vectors, kept, GOOD, bool(np.any(few.full.rotation)))
+    solution.notes[0] = f"truncation: {left_out.what}"
+    return Result(scene, "event_driven", solution, start=state)

@@ -22,7 +22,6 @@ from vofem.studies.steady.census import (
     collision,
     counted,
     determinant,
-    multipliers,
     orientation,
     pair,
     pairs_at_one,
@@ -138,7 +137,7 @@ def hidden(
 def _tests(middle: Point) -> list[tuple[set[str], Test]]:
     """Return functions that change their sign at special points, and the kinds of these."""
     tests: list[tuple[set[str], Test]] = [({"fold", "branch_point"}, turning)]
-    if multipliers(middle) is not None:
+    if middle.evaluation.multipliers is not None:
         at_one: list[tuple[set[str], Test]] = [({"fold", "branch_point"}, real_at(1.0))]
         tests += [
             *(at_one if middle.chart.segmented else []),
@@ -323,7 +322,10 @@ def _lowest(family: Family, steps: tuple[Step, Step], test: Test) -> float | Non
     """
     first, second = steps
     lengths = first.length, second.length
-    ends = [test(point) for point in (first.first, second.first, second.last)]
+    try:
+        ends = [test(point) for point in (first.first, second.first, second.last)]
+    except ConvergenceError:
+        return None
     if not np.all(np.isfinite(ends)) or min(lengths) <= 0.0 or np.max(np.abs(ends)) <= _ROUNDING:
         return None
     sign = np.sign(ends[1])

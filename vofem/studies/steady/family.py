@@ -128,4 +128,7 @@ class Family:
 
     def over(self, periods: int) -> Family:
         """Return the family of orbits over another number of periods, which shares modes but has its own counters."""
-        return replace(self, periods=periods, work=Work(), _known={})
+        harmonics = None if self.harmonics is None else max(1, self.harmonics * periods // self.periods)
+        # Harmonic balance takes as many harmonics for each period of the loads, so its unknowns are others.
+        latest = self._latest if self.method == "shooting" or periods == self.periods else None
+        return replace(self, periods=periods, harmonics=harmonics, work=Work(), _known={}, _latest=latest)

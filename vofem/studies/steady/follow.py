@@ -44,7 +44,8 @@ _REFUSED, _AIM = np.cos(np.radians(25.0)), np.radians(9.0)
 #: the share of the largest step below which it is not looked at.
 _APART, _LEAST_SHARE = 0.1, 1e-3
 
-#: Cosine of the angle below which a step is rejected at a corner of a branch, and the largest step at a corner.
+#: Cosine of the angle below which a step is rejected at a corner of a branch, and the largest step at a corner. A step
+#: that ends at a grazing may turn as far as it must where it is shorter.
 _CORNER, _SHORT = np.cos(np.radians(80.0)), 1e-4
 
 #: While an orbit is corrected the parameter is held where a fold is farther ahead than so many steps, and where the
@@ -207,7 +208,8 @@ class Follower:
             return self._ending(now, step)
         if passed is not None and passed.grazed:
             left = float(np.linalg.norm((passed.before.y - now.y) / now.scales))
-            if left > _NEAR and step > 0.5 * left:
+            turns = left > _SHORT and now.tangent @ passed.before.tangent < _REFUSED
+            if (left > _NEAR or turns) and step > 0.5 * left:
                 # Steps become shorter towards a grazing, as they begin short beyond it: special points lie close to it.
                 return now, 0.5 * left
         if passed is not None:
@@ -231,6 +233,9 @@ class Follower:
         except (ConvergenceError, np.linalg.LinAlgError):
             return None
         if passed is None or self.family.interval.beyond(passed.at.value) is not None:
+            return None
+        if step > _SHORT and now.tangent @ passed.before.tangent < _REFUSED:
+            self._why = " (the branch turns too far in one step)"
             return None
         return self._passed(now, passed, step)
 
@@ -261,7 +266,7 @@ class Follower:
             self._over = True
             return last, step
         self._take(None, passed.after)
-        return passed.after, min(step, FIRST)
+        return passed.after, min(FIRST, self.largest)
 
     def _recentred(self, now: Point) -> Point:
         """Return a point with its anchor away from all switches."""

@@ -17,7 +17,6 @@ harmonics of the force beyond H, which are known.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any
@@ -40,11 +39,15 @@ from vofem.studies.steady.harmonic_solution import HarmonicMotion, harmonic_resu
 from vofem.studies.steady.law_path import PASSES, LawPaths, nonlinear_groups
 from vofem.studies.steady.linear_rest import FULL, Attached, LinearRest, linear_laws
 from vofem.studies.steady.loads import load_series
+from vofem.studies.steady.near import orbit_near
+from vofem.studies.steady.newton import ROUNDING, TOLERANCE, raised, solved
 from vofem.studies.steady.orbit import DECIDED, OrbitTruncation, PeriodicOrbit
 from vofem.studies.steady.problem import OrbitProblem, Work
+from vofem.studies.steady.shooting import Shooting
+from vofem.studies.steady.signature import SignatureEvaluation
 from vofem.studies.steady.trigonometric import basis, to_complex, to_real
-from vofem.studies.steady.variation import monodromy, with_rates
-from vofem.system import System, refuse_travelling
+from vofem.studies.steady.variation import monodromy
+from vofem.system import State, System, refuse_travelling
 
 #: Default number of harmonics for each period of the loads.
 HARMONICS = 25
@@ -58,8 +61,11 @@ _MARGIN = 1.3
 #: Periods of a transient, and its steps in a period, which are simulated if harmonic balance needs a better start.
 _TRANSIENT, _STEPS = 60, 200
 
-#: Share of the largest modulus above which the change of a multiplier is looked at, and the factor from it to a bound.
-_LEADING, _SAFETY = 0.5, 6.0
+#: Steps of shooting to the exact orbit, and its largest distance: a multiple of the error by the harmonics left out.
+_NEWTON, _FAR = 3, 10.0
+
+#: Factor from the change of the largest multiplier, by the harmonics beyond those of the unknowns, to a bound.
+_SAFETY = 6.0
 
 #: Smallest step on the way from the linear response to the laws' full strength, and iterations of one.
 _SMALLEST, _TRIES = 1.0 / 16.0, 12
@@ -70,19 +76,24 @@ _WEAKER = 1e-6
 
 @dataclass(frozen=True)
 class HarmonicEvaluation:
-    """The equations at some harmonics."""
+    """The equations at some harmonics, and the motion that these harmonics stand for."""
 
+    problem: HarmonicBalance = field(repr=False)
+    u: Array  #: Harmonics of the laws' coordinates, m, shape (n_laws, 2H + 1).
     residual: Array  #: Shape (n,).
-    size: float  #: Size of the motion, m.
     settled: NDArray[np.bool_]  #: Whether internal variables repeat after a period, shape (n_laws,).
-    slope: Array | None = field(repr=False, default=None)
-    change: Callable[[], Complex | None] = field(repr=False, default=lambda: None)  #: Returns the multipliers.
+    slope: Array | None = field(repr=False)
 
     @property
     def jacobian(self) -> Array:
         """Derivative of the residual, shape (n, n)."""
         assert self.slope is not None
         return self.slope
+
+    @property
+    def size(self) -> float:
+        """Size of the motion, m."""
+        return float(np.linalg.norm(self.u))
 
     @property
     def error(self) -> float:
@@ -93,9 +104,39 @@ class HarmonicEvaluation:
         return size / self.size if self.size > 0.0 else float(size > 0.0)
 
     @cached_property
+    def truncation(self) -> OrbitTruncation:
+        """The estimated error by the harmonics that are left out."""
+        return self.problem.truncation(self.u, self._forces)
+
+    @cached_property
+    def motion(self) -> HarmonicMotion:
+        """The motion of the whole structure under the laws' forces, with all their known harmonics."""
+        return self.problem.motion(self._forces)
+
+    @cached_property
+    def exact(self) -> SignatureEvaluation | None:
+        """The exact orbit by shooting, if there is one within the error of the harmonics."""
+        return self.problem.exact_near(self.motion, self.truncation.error)
+
+    @cached_property
     def multipliers(self) -> Complex | None:
-        """Floquet multipliers of the motion, with the error of its harmonics; None where they are not computed."""
-        return self.change()
+        """Floquet multipliers, those of the exact orbit where shooting takes the scene; None where they are unknown."""
+        if self.problem.shooting is not None:
+            return None if self.exact is None else self.exact.multipliers
+        return None if self.problem.undecided is not None else self.problem.multipliers(self.motion)
+
+    @property
+    def uncertainty(self) -> float:
+        """Error of the largest modulus of the multipliers; that by the harmonics left out is a bound."""
+        if self.exact is not None:
+            return float(self.exact.uncertainty)
+        assert self.multipliers is not None
+        few = self.problem.multipliers(self.motion.with_harmonics(self.problem.harmonics))
+        return max(DECIDED, _SAFETY * abs(float(np.abs(self.multipliers).max() - np.abs(few).max())))
+
+    @cached_property
+    def _forces(self) -> Complex:
+        return self.problem.forces(self.u, self.problem.reach)[0]
 
 
 class HarmonicBalance(OrbitProblem):
@@ -135,6 +176,15 @@ class HarmonicBalance(OrbitProblem):
                 f"and {earlier.harmonics} at another value of the parameter; build the same laws for all values"
             )
         self._linear(earlier)
+        self._before = None if earlier is None else earlier.shooting
+
+    @cached_property
+    def shooting(self) -> Shooting | None:
+        """The problem of the exact orbits; None where shooting does not take the scene."""
+        try:
+            return Shooting(self._what, self.scene, self.periods, period=self._period, earlier=self._before)
+        except MethodError:
+            return None
 
     # -- the linear rest ------------------------------------------------------------------------------
 
@@ -202,8 +252,6 @@ class HarmonicBalance(OrbitProblem):
 
     def from_rest(self) -> Array:
         """Return the response with laws raised stepwise to full strength, or if that fails the end of a transient."""
-        from vofem.studies.steady.newton import TOLERANCE, raised, solved
-
         start = to_real(self.free[:, : self.harmonics + 1].T).T.ravel()
         if not self.size:
             return start
@@ -230,8 +278,6 @@ class HarmonicBalance(OrbitProblem):
 
     def from_orbit(self, orbit: Any) -> Array:
         """Return the harmonics of an orbit, or of the last period of a `Result`, along the laws' coordinates."""
-        from vofem.studies.steady.orbit import PeriodicOrbit
-
         if isinstance(orbit, PeriodicOrbit):
             known = orbit.unknowns
             same = orbit.method == "harmonic_balance" and orbit.periods == self.periods
@@ -281,19 +327,13 @@ class HarmonicBalance(OrbitProblem):
         u = unknowns.reshape(m, 2 * h + 1)
         if not np.all(np.isfinite(u)):
             raise ConvergenceError("the iteration diverged: a harmonic is not finite")
-        forces, slopes, settled = self._forces(u, h, derivative, strength)
+        forces, slopes, settled = self.forces(u, h, derivative, strength)
         balance = self.free[:, : h + 1] - np.einsum("kij,jk->ik", self.compliance[: h + 1], forces)
         residual = u - to_real(balance.T).T
         slope = self._slope(slopes) if derivative else None
+        return HarmonicEvaluation(self, u.copy(), residual.ravel(), settled, slope)
 
-        def change() -> Complex | None:
-            if self._undecided is not None:
-                return None
-            return self._multipliers(self._motion(self._forces(u, self.reach)[0]))
-
-        return HarmonicEvaluation(residual.ravel(), float(np.linalg.norm(u)), settled, slope, change)
-
-    def _forces(
+    def forces(
         self, u: Array, wanted: int, derivative: bool = False, strength: float = 1.0
     ) -> tuple[Complex, list[Array], NDArray[np.bool_]]:
         """Return harmonics of the laws' forces (m, wanted + 1), their slopes, and which laws repeat after a period."""
@@ -328,40 +368,26 @@ class HarmonicBalance(OrbitProblem):
 
     def orbit(self, unknowns: Array, evaluation: HarmonicEvaluation) -> PeriodicOrbit:
         """Return the orbit of a solution."""
-        forces, _, _ = self._forces(unknowns.reshape(self.laws.size, 2 * self.harmonics + 1), self.reach)
-        truncation = self._truncation(unknowns, forces)
-        notes = [truncation.what]
+        notes = [evaluation.truncation.what]
         if not np.all(evaluation.settled):
             label = self._labels[int(np.argmin(evaluation.settled))]
             notes.append(
                 f"{label} still changes after {PASSES} cycles of this motion, as laws that harden under cyclic loads "
                 "do; the orbit is that after as many cycles"
             )
-        motion = self._motion(forces)
-        if self._undecided is not None:
-            notes.append(self._undecided)
-
-        def doubt() -> float:
-            """Return a bound from the change of leading multipliers by the harmonics beyond those of the unknowns."""
-            kept = motion.coefficients[:, : self.harmonics + 1]
-            many = evaluation.multipliers
-            if many is None:
-                return np.inf
-            few = self._multipliers(HarmonicMotion(self.system, self.rest, self.laws, kept, self.omega))
-            leading = many[np.abs(many) >= _LEADING * np.abs(many).max()]
-            return float(max(DECIDED, _SAFETY * np.abs(leading[:, None] - few).min(axis=1).max()))
-
+        if self.undecided is not None and self.shooting is None:
+            notes.append(self.undecided)
         return PeriodicOrbit(
             self.scene,
             "harmonic_balance",
             self.loads.omega,
             self.periods,
             multipliers=lambda: evaluation.multipliers,
-            decided=doubt,
+            decided=lambda: evaluation.uncertainty,
             residual=evaluation.error,
-            result=lambda: harmonic_result(self.scene, motion, tuple(notes)),
-            motion=lambda: motion,
-            truncation=truncation,
+            result=lambda: harmonic_result(self.scene, evaluation.motion, tuple(notes)),
+            motion=lambda: evaluation.motion,
+            truncation=evaluation.truncation,
             notes=tuple(notes),
             unknowns=np.array(unknowns),
         )
@@ -370,10 +396,9 @@ class HarmonicBalance(OrbitProblem):
     def _labels(self) -> list[str]:
         return [label for group in self.groups for label in group.labels]
 
-    def _truncation(self, unknowns: Array, forces: Complex) -> OrbitTruncation:
+    def truncation(self, u: Array, forces: Complex) -> OrbitTruncation:
         """Estimate the displacements of the harmonics that are left out, from the force in these harmonics."""
         h = self.harmonics
-        u = unknowns.reshape(self.laws.size, 2 * h + 1)
         beyond = self.free - np.einsum("kij,jk->ik", self.compliance, forces)
         left = np.abs(beyond[:, h + 1 :]).sum(axis=1)
         size = np.abs(to_complex(u.T)).sum(axis=0)
@@ -381,14 +406,14 @@ class HarmonicBalance(OrbitProblem):
         what = f"{h} harmonics; those up to {self.reach} would change displacements by up to {error:.1e} of themselves"
         return OrbitTruncation(self.reach - h, error, what, error)
 
-    def _motion(self, forces: Complex) -> HarmonicMotion:
+    def motion(self, forces: Complex) -> HarmonicMotion:
         """Return the motion of the whole structure under the laws' forces, with all their known harmonics."""
         right = self._series.T @ self.load_modes - forces.T @ self.law_modes
         modal = self._answer(right[:, :, None])[:, :, 0].T
         return HarmonicMotion(self.system, self.rest, self.laws, modal, self.omega)
 
     @cached_property
-    def _undecided(self) -> str | None:
+    def undecided(self) -> str | None:
         """Return why multipliers of the motions are not computed, or None."""
         with_past = [group for group in self.system.laws if group.linear]
         label = with_past[0].labels[0] if with_past else self.laws.with_past()
@@ -402,13 +427,26 @@ class HarmonicBalance(OrbitProblem):
             )
         return None
 
-    def _multipliers(self, motion: HarmonicMotion) -> Complex:
+    def exact_near(self, motion: HarmonicMotion, error: float) -> SignatureEvaluation | None:
+        """Return the exact orbit near a motion with a relative error, or None if shooting finds none so close to it."""
+        problem = self.shooting
+        if problem is None:
+            return None
+        q, v = (motion.rest.vectors @ motion.modal(np.zeros(1), order)[:, 0] for order in range(2))
+        guess, n = problem.from_state(State(q, v)), problem.size // 2
+        try:
+            found = orbit_near(problem, guess, _NEWTON)
+        except ConvergenceError:
+            return None
+        assert isinstance(found.evaluation, SignatureEvaluation)
+        away = float(np.linalg.norm(found.unknowns[:n] - guess[:n]))
+        return found.evaluation if away <= (_FAR * error + ROUNDING) * found.evaluation.size else None
+
+    def multipliers(self, motion: HarmonicMotion) -> Complex:
         """Return the Floquet multipliers of a motion."""
         rows = all_rows(self.groups)
         series = np.zeros((0, 1)) if rows is None else motion.along(rows)
         tangents = [self.laws.tangent(j, series[j], self.omega) for j in range(self.laws.size)]
-        known = motion.coefficients.shape[1] - 1
-        tangents = with_rates(tangents, self.rest, self.law_modes, self.omega, known)
         return eigenvalues(monodromy(self.rest, self.law_modes, tangents, self.omega, self.harmonics))
 
     def change_after(self, count: int, unknowns: Array, evaluation: Any) -> float:

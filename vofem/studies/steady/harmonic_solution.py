@@ -19,7 +19,7 @@ from vofem.scene import Scene
 from vofem.studies.steady.law_path import LawPaths
 from vofem.studies.steady.linear_rest import LinearRest
 from vofem.studies.steady.orbit import TIMES
-from vofem.studies.steady.trigonometric import basis, roots, to_real, turning_points
+from vofem.studies.steady.trigonometric import basis, crossings, rate, roots, stretches, to_real, turning_points
 from vofem.system import CLOSED, OPEN, Counters, Events, System
 
 if TYPE_CHECKING:
@@ -42,6 +42,10 @@ class HarmonicMotion:
     def __init__(self, system: System, rest: LinearRest, laws: LawPaths, coefficients: Complex, omega: float) -> None:
         self.system, self.rest, self.laws = system, rest, laws
         self.coefficients, self.omega = coefficients, omega
+
+    def with_harmonics(self, count: int) -> HarmonicMotion:
+        """Return the motion with its first harmonics alone."""
+        return HarmonicMotion(self.system, self.rest, self.laws, self.coefficients[:, : count + 1], self.omega)
 
     @property
     def period(self) -> float:
@@ -71,7 +75,7 @@ class HarmonicMotion:
 
     @property
     def grazes(self) -> str:
-        """Nothing: multipliers are those of a motion with so many harmonics, near a grazing too."""
+        """Nothing: no number of harmonics shows that a motion just grazes a contact."""
         return ""
 
 
@@ -126,8 +130,11 @@ class HarmonicSolution:
         found: list[tuple[float, int, int]] = []
         initial = np.full(len(laws), OPEN, dtype=np.int64)
         for j, series in enumerate(self.motion.along(laws.rows)):
-            for angle, closes in _switches(series, float(laws.gap[j])):
-                found.append((angle / self.motion.omega, j, CLOSED if closes else OPEN))
+            angles = np.mod(crossings(series, float(laws.gap[j])), 2.0 * np.pi)
+            angles = angles[angles > 0.0]
+            closes = basis(angles, series.size // 2) @ rate(series) > 0.0
+            for time, status in zip(angles / self.motion.omega, np.where(closes, CLOSED, OPEN), strict=True):
+                found.append((float(time), j, int(status)))
             initial[j] = CLOSED if basis(np.zeros(1), series.size // 2)[0] @ series > laws.gap[j] else OPEN
         found.sort()
         time, contact, status = (np.array([event[k] for event in found]) for k in range(3))
@@ -179,8 +186,7 @@ class HarmonicSolution:
         """Return the times within the period at which a slider's sliding ends, and at which its sticking ends, s."""
         motion, group = self.motion, self._sliders
         series, j = motion.along(group.rows)[slider], motion.laws.first_of(group) + slider
-        turns = turning_points(series)
-        ends = np.append(turns[1:], turns[:1] + 2.0 * np.pi)
+        turns, ends = stretches(series)
         places = (basis(ends, series.size // 2) @ series).tolist()
         records = motion.laws.laws.fresh()
         for place in motion.laws.passes * places:
@@ -310,20 +316,6 @@ class HarmonicSolution:
         """Kinetic, strain and contact energy at t = 0, J."""
         parts = self.energies(np.zeros(1))
         return float(parts.kinetic[0] + parts.strain[0] + parts.contact[0])
-
-
-def _switches(series: Array, level: float) -> list[tuple[float, bool]]:
-    """Return the angles in (0, 2 pi) at which a series crosses a level, and whether it rises there."""
-    turns = turning_points(series)
-    if not turns.size:
-        return []
-    harmonics = series.size // 2
-    ends = np.append(turns[1:], turns[0] + 2.0 * np.pi)
-    before, after = basis(turns, harmonics) @ series > level, basis(ends, harmonics) @ series > level
-    crossed = before != after
-    found = np.mod(roots(series, turns[crossed], ends[crossed], level), 2.0 * np.pi)
-    rising = after[crossed]
-    return [(float(angle), bool(up)) for angle, up in zip(found, rising, strict=True) if angle > 0.0]
 
 
 def _power(p: Complex, coefficients: Complex, impedance: Complex, times: Array) -> Array:

@@ -17,7 +17,7 @@ import numpy as np
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.laws import LawGroup, LawSet
-from vofem.studies.steady.trigonometric import basis, rate, roots, turning_points
+from vofem.studies.steady.trigonometric import basis, crossings, rate, stretches
 from vofem.system import System
 
 #: Gauss's rule on one panel, and the phase of the fastest product of harmonics that a panel may cover, rad.
@@ -126,40 +126,22 @@ class LawPaths:
 
     def tangent(self, j: int, series: Array, omega: float) -> LawTangent:
         """Return the tangent of law j, whose force does not depend on the past, along a motion."""
-        laws = self.laws
-        if laws.kinks(j):
-            return _tangent_between_kinks(laws, j, omega, series)
+        laws, levels, harmonics = self.laws, self.laws.kinks(j), series.size // 2
+        edges = [np.mod(crossings(series, level), _TURN) for level in levels]
+        moved = np.zeros((edges[0].size if edges and any(laws.jumps(j)) else 0, 4))
+        if moved.size:
+            moved[:, 0], moved[:, 1] = edges[0], omega * (basis(edges[0], harmonics) @ rate(series))
+            moved[:, 2:] = laws.jumps(j)
+        least = np.nextafter(levels[0], np.inf) if levels else -np.inf
 
         def at(angles: Array) -> Array:
-            stiffness = laws.tangent(j, basis(angles, series.size // 2) @ series)
-            return np.stack([stiffness, np.zeros(angles.size)])
-
-        return LawTangent(np.zeros(0), np.zeros((0, 4)), at)
-
-
-def _tangent_between_kinks(laws: LawSet, j: int, omega: float, series: Array) -> LawTangent:
-    """Return the tangent of a law with kinks."""
-    harmonics = series.size // 2
-    begin, end = _stretches(series)
-    levels = laws.kinks(j)
-    edges = [np.mod(_crossings(series, begin, end, level), _TURN) for level in levels]
-    moved = np.zeros((edges[0].size if any(laws.jumps(j)) else 0, 4))
-    if moved.size:
-        moved[:, 0], moved[:, 1] = edges[0], omega * (basis(edges[0], harmonics) @ rate(series))
-        moved[:, 2:] = laws.jumps(j)
-
-    def at(angles: Array) -> Array:
-        functions = basis(angles, harmonics)
-        along = functions @ series
-        found = np.zeros((2, angles.size))
-        acts = along > levels[0]
-        if np.any(acts):
-            u, speed = along[acts], omega * (functions[acts] @ rate(series))
+            functions = basis(angles, harmonics)
+            along, speed = functions @ series, omega * (functions @ rate(series))
+            u = np.maximum(along, least)
             damping, change = laws.damping(j, u)
-            found[0, acts], found[1, acts] = laws.tangent(j, u) + change * speed, damping
-        return found
+            return np.where(along >= least, np.stack([laws.tangent(j, u) + change * speed, damping]), 0.0)
 
-    return LawTangent(np.unique(np.concatenate(edges)), moved, at)
+        return LawTangent(np.unique(np.concatenate([np.zeros(0), *edges])), moved, at)
 
 
 def panels(low: float, high: float, harmonics: int) -> tuple[Array, Array]:
@@ -191,28 +173,11 @@ def _smooth(laws: LawSet, j: int, series: Array, total: _Integral) -> None:
     total.add(angles, np.full(count, _TURN / count), force, slopes)
 
 
-def _stretches(series: Array) -> tuple[Array, Array]:
-    """Return the angles at which monotone stretches of a motion begin and end, the last one a turn after the first."""
-    turns = turning_points(series)
-    if not turns.size:
-        turns = np.zeros(1)
-    return turns, np.append(turns[1:], turns[0] + _TURN)
-
-
-def _crossings(series: Array, begin: Array, end: Array, level: float) -> Array:
-    """Return the angles at which monotone stretches cross a level, in their order."""
-    harmonics = series.size // 2
-    before, after = basis(begin, harmonics) @ series - level, basis(end, harmonics) @ series - level
-    crossed = (before > 0.0) != (after > 0.0)
-    return roots(series, begin[crossed], end[crossed], level) if np.any(crossed) else np.zeros(0)
-
-
 def _between_kinks(laws: LawSet, j: int, omega: float, series: Array, total: _Integral) -> None:
     """Integrate over the times at which a law acts that has kinks, as a contact does while it is closed."""
     harmonics = series.size // 2
-    begin, end = _stretches(series)
     damped, levels = laws.laws[j].damped, laws.kinks(j)
-    edges = [_crossings(series, begin, end, level) for level in levels]
+    edges = [crossings(series, level) for level in levels]
     for angle in edges[0]:
         # A place where the force jumps moves by -du over the rate of u, on closing as on opening.
         speed = float(basis(np.array([angle]), harmonics)[0] @ rate(series))
@@ -252,7 +217,7 @@ def _rates_of(functions: Array) -> Array:
 def _with_past(laws: LawSet, j: int, series: Array, total: _Integral) -> bool:
     """Follow the internal variables over the period until they repeat, then integrate; return whether they repeat."""
     harmonics = series.size // 2
-    begin, end = _stretches(series)
+    begin, end = stretches(series)
     functions = basis(begin, harmonics)
     u = functions @ series
     state = laws.of(j)
@@ -278,7 +243,7 @@ def _with_past(laws: LawSet, j: int, series: Array, total: _Integral) -> bool:
             break
     for i in range(begin.size):
         levels = [level for level in laws.kinks(j) if np.isfinite(level)]
-        inside = [_crossings(series, begin[i : i + 1], end[i : i + 1], level) for level in levels]
+        inside = [crossings(series, level, begin[i : i + 1], end[i : i + 1]) for level in levels]
         cuts = np.concatenate([begin[i : i + 1], np.sort(np.concatenate([*inside, np.zeros(0)])), end[i : i + 1]])
         for low, high in pairwise(cuts.tolist()):
             if high - low <= 0.0:

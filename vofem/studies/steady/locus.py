@@ -193,7 +193,7 @@ class _Walk(Follower):
             tests.append(("fold", lambda point: float(np.sin(0.5 * point.y[-3]))))
             tests.append(("period_doubling", lambda point: float(np.cos(0.5 * point.y[-3]))))
         tests.append(("turn", turning))
-        if multipliers(middle) is not None:
+        if all(point.evaluation.multipliers is not None for point in (middle, step.last)):
             # A pair begins where both multipliers of a double one belong together.
             names = [_PAIR if at == kind else at for at in ("fold", "period_doubling")]
             tests += [(names[0], real_at(1.0)), (names[1], real_at(-1.0)), (_PAIR, pairs_at_one(middle))]
@@ -244,7 +244,6 @@ class _Walk(Follower):
 def _is_pair(point: Point) -> bool:
     """Return whether a complex pair lies on the unit circle, and not two real multipliers around it."""
     values = multipliers(point)
-    assert values is not None
     return bool(np.min(np.abs(np.abs(values) - 1.0)) < _ON_CIRCLE) and kind_of(point) == _PAIR
 
 

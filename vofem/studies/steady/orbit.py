@@ -201,9 +201,9 @@ class PeriodicOrbit(Shown):
     def stable(self) -> bool | None:
         """Whether small perturbations die out.
 
-        None if this is not decided. This is so if multipliers are not known, or if the largest one lies on the unit
-        circle within rounding, as at special points and in conservative scenes, or by harmonic balance within the error
-        of the harmonics that are left out, or if the orbit `grazes` a contact.
+        None if this is not decided. This is so if multipliers are not known, as by harmonic balance where no exact
+        orbit is near, or if the orbit `grazes` a contact, or if the largest multiplier lies on the unit circle within
+        its error. This error is rounding, and for laws that shooting does not take that of the harmonics left out.
         """
         if not isinstance(self._stable, Unknown):
             return self._stable

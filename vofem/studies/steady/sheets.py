@@ -122,8 +122,11 @@ class Sheets:
         """Return the special orbit as a point of the leaving branch."""
         if not doubles:
             return point
-        chart, y = point.chart.doubled(point.y[:-1])
         problem = family.at(point.value)
+        if point.chart.segmented:
+            chart, y = point.chart.doubled(point.y[:-1])
+        else:
+            chart, y = point.chart, problem.from_orbit(point.orbit())
         evaluation = chart.evaluate(problem, y)
         scales = scales_of(family, chart, problem, evaluation)
         y = np.append(y, point.value)

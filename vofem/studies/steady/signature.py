@@ -678,7 +678,8 @@ class Signature:
         """Return signature, coordinates and direction with the anchor in the middle of the longest segment.
 
         None where the anchor is far enough from all switches. The state is followed forwards in time only, because fast
-        modes grow without bound backwards. `tangent` are derivatives of the coordinates along the branch.
+        modes grow without bound backwards. `tangent` are derivatives of the coordinates along the branch. Those of the
+        lengths and the parameter tell the direction; those of the state, which need the parameter's effect, are 0.
         """
         lengths, k, n = self.lengths(y), len(self.switches), problem.size
         around = np.append(lengths[1:k], lengths[0] + lengths[k])
@@ -695,16 +696,11 @@ class Signature:
         omega, cut = problem.loads.omega, lengths[: first + 1].copy()
         cut[first] = inside
         turned = tangent[n:-1]
-        moves = np.zeros((first + 1, 1))
-        moves[:first, 0] = turned[:first] / omega
-        # The last part ends at a fixed phase.
-        moves[first, 0] = -moves[:first, 0].sum()
-        column = problem.modal(tangent[:n, None])
         path = problem.course.along(
-            self.anchor / omega, problem.modal(y[:n]), self.statuses[: first + 1], cut / omega, column, moves,
+            self.anchor / omega, problem.modal(y[:n]), self.statuses[: first + 1], cut / omega,
             struck=self.struck[:first],
         )  # fmt: skip
-        state, moved = problem.unmodal(path.ends[-1]), problem.unmodal(path.columns[:, 0])
+        state = problem.unmodal(path.ends[-1])
         switches = (*self.switches[first:], *self.switches[:first])
         anchor = self.anchor + float(cut.sum())
         # Shifted by whole orbits, so that the phase stays small.
@@ -716,11 +712,11 @@ class Signature:
                 values[first] - cut_off + (values[0] if first == k else 0.0),
                 np.roll(np.append(values[1:k], values[k] + values[0]), -first)[: k - 1],
             )
-            for values, cut_off in ((lengths, inside), (changes, omega * moves[first, 0]))
+            for values, cut_off in ((lengths, inside), (changes, -turned[:first].sum()))
         )
         start = tuple(int(s) for s in self.statuses[first])
         new = Signature(start, switches, anchor, self.periods)
-        return new, np.concatenate([state, rest]), np.concatenate([moved, slopes, tangent[-1:]])
+        return new, np.concatenate([state, rest]), np.concatenate([np.zeros(n), slopes, tangent[-1:]])
 
 
 def _lasting(start: int, switches: list[tuple[float, int]]) -> list[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from typing import Any
 
@@ -33,8 +34,8 @@ _TRY, _AGAIN = 1e-2, 0.1
 #: Steps of Newton's method in a trial, and the largest distance to its solution, in changes over an orbit.
 _STEPS, _FAR = 2, 200.0
 
-#: Halvings of the loads until an orbit is found, and the most orbits from there to the whole loads.
-_HALVINGS, _WAY = 8, 500
+#: Least share of the loads from which orbits are followed, and the most orbits from there to the whole loads.
+_LEAST, _WAY = 0.01, 500
 
 #: Factor by which a motion is larger than that of an orbit from rest where it has no bound.
 _UNBOUNDED = 1e10
@@ -265,23 +266,24 @@ def _raised(problem: Shooting) -> Solved:
         system.share(model.system)
         return problem.scene.compiled_as(replace(model, system=system))
 
-    family, last = Family("periodic", build, Interval(0.0, 1.0), "shooting", problem.periods, work=problem.work), ""
+    family = Family("periodic", build, Interval(0.0, 1.0), "shooting", problem.periods, work=problem.work)
+    share = 1.0
     family.begin_with(problem, 1.0)
-    for share in 0.5 ** np.arange(1, _HALVINGS):
-        try:
+    first: Any = None
+    while share > _LEAST and (first is None or first.evaluation.chart.switches):
+        # Where contacts switch there may be several orbits; the linear response is alone.
+        share *= 0.5
+        with contextlib.suppress(ConvergenceError):
             first = _linear(family.at(share))
-        except ConvergenceError as error:
-            last = str(error)
-            continue
-        family.interval = Interval(share, 1.0)
-        walk = Quiet(family, most=_WAY)
-        walk.follow(walk.begin(first.unknowns, share))
-        if walk.interrupted:
-            raise KeyboardInterrupt
-        if walk.points[-1].value == 1.0:
-            return orbit_near(problem, walk.points[-1].unknowns())
+    if first is None:
+        raise ConvergenceError(f"down to {share:.2g} of the loads no orbit is found")
+    walk = Quiet(family, most=_WAY)
+    walk.follow(walk.begin(first.unknowns, share))
+    if walk.interrupted:
+        raise KeyboardInterrupt
+    if walk.points[-1].value != 1.0:
         raise ConvergenceError(f"the orbits end at {walk.points[-1].value:.3g} of the loads")
-    raise ConvergenceError(last)
+    return orbit_near(problem, walk.points[-1].unknowns())
 
 
 def _tried(problem: Shooting, x: Array, change: float, sizes: tuple[float, float]) -> Solved | None:

@@ -75,7 +75,7 @@ def poincare(result: Result, period: float, *, phase: float = 0.0, skip: int = 0
     Raises
     ------
     ArgumentError
-        For arguments out of range, or a run that is too short to have a sample.
+        For arguments out of range, or a run that is shorter than a period or has no sample.
 
     Examples
     --------
@@ -92,6 +92,11 @@ def poincare(result: Result, period: float, *, phase: float = 0.0, skip: int = 0
     phase = number("poincare: phase", phase)
     skip = whole("poincare: skip", skip, least=0)
     end = float(result.solution.t_end)
+    if period > end * (1.0 + _SLACK):
+        raise ArgumentError(
+            f"poincare: period is {period:g} s, but the run lasts {end:g} s, so no motion is sampled twice; give the "
+            "period in s, not a frequency, or simulate longer"
+        )
     offset = phase / (2.0 * np.pi)
     first = int(np.ceil(result.t_start / period - offset - _SLACK))
     last = int(np.floor((result.t_start + end) / period - offset + _SLACK))

@@ -95,3 +95,21 @@ def turning_points(series: Array) -> Array:
     changes = np.flatnonzero((values[:-1] > 0.0) != (values[1:] > 0.0))
     found = roots(slope, places[changes], places[changes + 1])
     return np.unique(np.mod(found, 2.0 * np.pi))
+
+
+def stretches(series: Array) -> tuple[Array, Array]:
+    """Return the angles at which monotone stretches of a motion begin and end, the last one a turn after the first."""
+    turns = turning_points(series)
+    if not turns.size:
+        turns = np.zeros(1)
+    return turns, np.append(turns[1:], turns[0] + 2.0 * np.pi)
+
+
+def crossings(series: Array, level: float, begin: Array | None = None, end: Array | None = None) -> Array:
+    """Return the angles at which monotone stretches of a motion, by default all, cross a level, in their order."""
+    if begin is None or end is None:
+        begin, end = stretches(series)
+    harmonics = series.size // 2
+    before, after = basis(begin, harmonics) @ series > level, basis(end, harmonics) @ series > level
+    crossed = before != after
+    return roots(series, begin[crossed], end[crossed], level)

@@ -15,7 +15,7 @@ J. Peletan, S. Baguet, M. Torkhani, G. Jacquet-Richardet, Nonlinear Dyn. 72 (201
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 
@@ -27,9 +27,6 @@ from vofem.studies.steady.linear_rest import LinearRest
 
 #: Gauss nodes in a panel, and the phase that a panel may cover, rad.
 _NODES, _PHASE = 6, 1.5
-
-#: Harmonics of forces that jump, as a multiple of those of the motion.
-_FURTHER = 50
 
 #: Samples of tangents between two jumps, from which the length of panels is taken.
 _LOOKS = 16
@@ -83,35 +80,6 @@ def monodromy(rest: LinearRest, rows: Array, tangents: Sequence[LawTangent], ome
             now = np.concatenate([free[0, 0] * z + free[0, 1] * v, free[1, 0] * z + free[1, 1] * v])
             now -= panel.pushed @ force
     return now
-
-
-def with_rates(
-    tangents: Sequence[LawTangent], rest: LinearRest, rows: Array, omega: float, harmonics: int
-) -> list[LawTangent]:
-    """Return tangents with rates at jumps that include the harmonics beyond those of a motion.
-
-    A jump of a force makes a corner in the rate of its coordinate, at which a series is off by the harmonics left out.
-    These are the responses to the harmonics of the jumps. They fall like 1/k^2, so that their sum is long.
-    """
-    places = [(j, *jump) for j, one in enumerate(tangents) for jump in one.jumps.tolist()]
-    if not any(spring for *_, spring, _ in places):
-        return list(tangents)
-    order = np.arange(harmonics + 1, _FURTHER * harmonics + 1)
-    turn = order * omega
-    law = np.array([place[0] for place in places])
-    angle, speed, spring, damper = np.array([place[1:] for place in places]).T
-    jump = np.sign(speed) * (spring + damper * speed)
-    force = np.exp(-1j * np.outer(angle, order)) * jump[:, None] / (1j * np.pi * order)
-    modal = rows[law].T @ force / (rest.squares[:, None] - turn**2 + 1j * rest.damping[:, None] * turn)
-    missing = -((rows[law] @ modal) * (1j * turn) * np.exp(1j * np.outer(angle, order))).sum(axis=1).real
-    # Beyond these harmonics the slower modes respond as free masses do.
-    missing += rows[law] ** 2 @ (rest.squares < turn[-1] ** 2) * jump / (np.pi * omega * (order[-1] + 0.5))
-    changed = []
-    for j, one in enumerate(tangents):
-        jumps = one.jumps.copy()
-        jumps[:, 1] += missing[law == j]
-        changed.append(replace(one, jumps=jumps))
-    return changed
 
 
 def _tangents(tangents: Sequence[LawTangent], rates: Array, angles: Array) -> Array:

@@ -162,13 +162,10 @@ class _Reached:
             return [type(value).__qualname__, made]
         call, arguments, state, items, pairs = (*made, *(None,) * 3)[:5]
         if isinstance(state, dict):
-            cached = {n for kind in type(value).__mro__ for n, p in vars(kind).items() if _is_cached(p)}
+            parts = (pair for kind in type(value).__mro__ for pair in vars(kind).items())
+            cached = {name for name, part in parts if isinstance(part, functools.cached_property)}
             state = {name: part for name, part in state.items() if name not in cached}
         return [self.node(part) for part in (call, arguments, state, list(items or ()), list(pairs or ()))]
-
-
-def _is_cached(part: Any) -> bool:
-    return isinstance(part, functools.cached_property)
 
 
 def _source(thing: Any) -> Any:

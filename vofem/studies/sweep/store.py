@@ -247,7 +247,8 @@ def _write_table(file: h5py.File, identity: dict[str, str], entries: Sequence[En
         "traceback": np.array([row.traceback for row in rows], dtype=str),
         "seconds": np.array([row.seconds for row in rows], dtype=float),
     }
-    parameters = {name: _parameter([point.get(name) for _, point, _ in entries]) for name in _names(entries)}
+    names = dict.fromkeys(name for _, point, _ in entries for name in point)
+    parameters = {name: _parameter([point.get(name) for _, point, _ in entries]) for name in names}
     found = columns_of([row for row in rows if row.values is not None])
     # netCDF knows no complex numbers; h5netcdf writes and reads them if it may.
     beyond = any(values.dtype.kind == "c" for values in found.values())
@@ -264,11 +265,6 @@ def _write_table(file: h5py.File, identity: dict[str, str], entries: Sequence[En
                 column[~present] = np.nan
             column[present] = values
             _write_variable(table, name, column, "quantity")
-
-
-def _names(entries: Sequence[Entry]) -> list[str]:
-    """Return the names of all parameters, each once."""
-    return list(dict.fromkeys(name for _, point, _ in entries for name in point))
 
 
 def _write_variable(table: h5netcdf.File, name: str, values: NDArray, role: str) -> None:

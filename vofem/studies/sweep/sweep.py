@@ -62,10 +62,9 @@ class SweepInterrupted(KeyboardInterrupt):
 class Sweep(Mapping[str, NDArray]):
     """The outcome of many runs: one array for every quantity that the function returned.
 
-    It is a mapping of names to arrays. The first dimensions of an array are those
-    of the grid, or a single one if the points were a table. The dimensions of the
-    quantity follow. Where a point failed, numbers are NaN and texts are empty;
-    integers of such a quantity become floats.
+    It is a mapping of names to arrays. The first dimensions of an array are those of the grid, or a single one if the
+    points were a table. The dimensions of the quantity follow. Where a point failed, numbers are NaN and texts are
+    empty; integers of such a quantity become floats.
 
     Attributes
     ----------
@@ -202,9 +201,8 @@ class Sweep(Mapping[str, NDArray]):
     def to_xarray(self) -> Any:
         """Return an `xarray.Dataset`.
 
-        Its dimensions are the parameters of a grid, or ``point`` with the
-        parameters as coordinates beside it. Further dimensions of a quantity
-        are named ``NAME_0``, ``NAME_1`` and so on.
+        Its dimensions are the parameters of a grid, or ``point`` with the parameters as coordinates beside it. Further
+        dimensions of a quantity are named ``NAME_0``, ``NAME_1`` and so on.
         """
         import xarray
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from vofem._validate import number
 from vofem.blas import blas_threads
@@ -23,6 +23,18 @@ if TYPE_CHECKING:
     from vofem.studies.sweep.store import SweepFile
 
 
+class SweepOptions(TypedDict, total=False):
+    """The options of `sweep`, which studies of many runs take too."""
+
+    executor: Any
+    store: str | os.PathLike[str] | None
+    progress: SweepProgress
+    workers: int | None
+    time_limit: float | None
+    retry_failed: bool
+    compiled: bool | None
+
+
 def sweep(
     function: Callable[..., Mapping[str, Any]],
     points: Mapping[str, Iterable[Any]] | Iterable[Mapping[str, Any]] | Any,
@@ -37,44 +49,35 @@ def sweep(
 ) -> Sweep:
     """Call a function for many points, and return its quantities as arrays over the points.
 
-    If the function raises an error at a point, the point is listed in
-    `Sweep.failed`, and the sweep continues. All executors give the same numbers
-    to the last bit, because linear algebra uses one thread in every worker.
+    If the function raises an error at a point, the point is listed in `Sweep.failed`, and the sweep continues. All
+    executors give the same numbers to the last bit, because linear algebra uses one thread in every worker.
 
     Parameters
     ----------
     function : callable
-        ``function(**point)`` returns a dict of numbers or arrays, with the same
-        names and shapes for every point. To run in other processes it must be
-        defined at the top level of a module.
+        ``function(**point)`` returns a dict of numbers or arrays, with the same names and shapes for every point. To
+        run in other processes it must be defined at the top level of a module.
     points : mapping, table or iterable
-        A mapping of names to lists means the grid of all combinations. A pandas
-        DataFrame, a structured array or an iterable of mappings has one point in
-        each row. Values are plain data: numbers, texts, arrays, lists.
+        A mapping of names to lists means the grid of all combinations. A pandas DataFrame, a structured array or an
+        iterable of mappings has one point in each row. Values are plain data: numbers, texts, arrays, lists.
     executor : optional
-        With None the sweep starts processes. ``"serial"`` computes in this
-        process. Any `concurrent.futures.Executor` (threads, loky, mpi4py,
-        executorlib) or a `distributed.Client` can be given, and stays open.
+        With None the sweep starts processes. ``"serial"`` computes in this process. Any `concurrent.futures.Executor`
+        (threads, loky, mpi4py, executorlib) or a `distributed.Client` can be given, and stays open.
     store : path, optional
-        An HDF5 file to which every row is written as soon as it is computed.
-        After an interruption the same call computes the missing rows and gives
-        the same table. Rows are valid for what the function reaches: the source of
-        functions and classes of your own files, and the content of data and
-        scenes. If this has changed, the old file is renamed, and a note says so.
-        Objects whose content cannot be known are named in a note.
+        An HDF5 file to which every row is written as soon as it is computed. After an interruption the same call
+        computes the missing rows and gives the same table. Rows are valid for what the function reaches: the source of
+        functions and classes of your own files, and the content of data and scenes. If this has changed, the old file
+        is renamed, and a note says so. Objects whose content cannot be known are named in a note.
     progress : bool or callable, optional
-        Whether a progress bar is shown on the standard error stream; None shows
-        it on a terminal. A function is called with the numbers of points that
-        are done, of all points, and of points that failed.
+        Whether a progress bar is shown on the standard error stream; None shows it on a terminal. A function is called
+        with the numbers of points that are done, of all points, and of points that failed.
     workers : int, optional
-        Number of processes to start; the default is that of the processors. For
-        an executor that does not tell its number of workers: how many batches
-        are computed at the same time.
+        Number of processes to start; the default is that of the processors. For an executor that does not tell its
+        number of workers: how many batches are computed at the same time.
     time_limit : float, optional
-        Largest wall time of one point in s. A point that takes longer has failed.
-        In threads and on dask the limit takes effect between two Python
-        instructions. Processes of the sweep are ended if they do not stop within
-        ten seconds.
+        Largest wall time of one point in s. A point that takes longer has failed. In threads and on dask the limit
+        takes effect between two Python instructions. Processes of the sweep are ended if they do not stop within ten
+        seconds.
     retry_failed : bool
         Whether points that failed in an earlier sweep are computed again.
     compiled : bool, optional

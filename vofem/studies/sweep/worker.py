@@ -29,9 +29,8 @@ class TimeUp(BaseException):
 def time_limit(seconds: float | None) -> Iterator[None]:
     """Raise `TimeUp` in the block once it has taken longer than `seconds`.
 
-    In the main thread a timer of the operating system interrupts the block, even
-    while it waits. In other threads, and on Windows, the interpreter raises the
-    error between two Python instructions, so a compiled loop must end first.
+    In the main thread a timer of the operating system interrupts the block, even while it waits. In other threads, and
+    on Windows, the interpreter raises the error between two Python instructions, so a compiled loop must end first.
     """
     if seconds is None:
         yield

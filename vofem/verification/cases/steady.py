@@ -35,11 +35,7 @@ def bilinear(omega: float) -> Scene:
 
 
 def _bilinear_branch() -> Case:
-    known = {
-        "doubling": 2.338157973248634,
-        "lower doubling": 1.003873309250901,
-        "grazing": 0.7555856254177264,
-    }
+    known = {"doubling": 2.338157973248634, "lower doubling": 1.003873309250901, "grazing": 0.7555856254177264}
 
     def measure(run: Run) -> Mapping[str, float]:
         branch = run.continuation(bilinear, 2.5, 0.75)
