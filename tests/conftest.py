@@ -16,11 +16,11 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "default"))
 #: Modules that come first, because they take longest. The first two compile different kernels: those of event_driven,
 #: and those of methods that step in time. Two workers that begin with them compile few kernels twice.
 FIRST = (
-    "random_scenes", "energy_conserving", "pinned", "hysteresis_in_time", "continuation", "springpot", "verification",
-    "checkpoints", "tolerance_and_stops", "harmonic_balance", "locus", "storage", "fitting", "populations", "own_law",
-    "friction", "travelling", "statuses", "large_systems", "kernel_modes", "generalized_alpha", "many_contacts",
-    "sweep", "condensed_orbits", "docs", "springpot_runs", "event_loop", "damping_and_energy", "compiled_cache",
-    "examples", "probes", "cli", "crash_safety", "pictures", "backbone", "notes_and_times",
+    "random_scenes", "energy_conserving", "continuation", "verification", "locus", "harmonic_balance", "docs",
+    "populations", "storage", "examples", "springpot", "compiled_cache", "friction", "sweep", "tolerance_and_stops",
+    "fitting", "hysteresis_in_time", "checkpoints", "travelling", "kernel_modes", "own_law", "pinned", "statuses",
+    "large_systems", "generalized_alpha", "many_contacts", "condensed_orbits", "springpot_runs", "event_loop",
+    "damping_and_energy", "probes", "cli", "crash_safety", "pictures", "backbone", "notes_and_times",
 )  # fmt: skip
 
 

@@ -3,7 +3,6 @@
 import dataclasses
 
 import numpy as np
-import pytest
 from scenes import LAWS, alone, cantilever, on_stop, paper_beam, two_masses
 
 import vofem as vf
@@ -176,10 +175,6 @@ CASES = {
     "wheel": (lambda: driving(load=False), 0.5, STEPS["conserving"] | {"dt": 5e-3}),
     "joined": (joined, 1.0, EVENTS),
 }  # fmt: skip
-#: Cases with steps whose kernels no other test compiles, and short ones beside them.
-PLAIN = ("pressed", "shaken", "driving", "wheel")
-
-NAMED = [pytest.param(name, marks=pytest.mark.kernels("plain")) if name.startswith(PLAIN) else name for name in CASES]
 
 
 def ran(name, **more):

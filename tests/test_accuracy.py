@@ -365,8 +365,9 @@ def test_command_line(tmp_path, monkeypatch, capsys):
     command = ["accuracy", "s.toml", "--methods", "event_driven", "--elements", "3", "--repeats", "1"]
     assert cli.main(command) == cli.FAULT
     assert "add t_end to a table [run], or give --t-end" in capsys.readouterr().err
-    assert cli.main([*command, "--t-end", "1", "--point", "beam@0.5"]) == cli.FINE
+    assert cli.main([*command, "--t-end", "1", "--point", "beam@0.5", "--error", "1e-3"]) == cli.FINE
     said = capsys.readouterr()
+    assert "0.001 of the largest displacement" in said.out
     assert "Displacement of Beam 'beam' at x = 0.5 m over 1 s" in said.out
     assert said.err == ""
     assert sorted(p.name for p in (tmp_path / "output" / "s").iterdir()) == [

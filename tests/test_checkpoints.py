@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from kept import CASES, NAMED, assert_whole, probed, ran
+from kept import CASES, assert_whole, probed, ran
 from scenes import PowerLossError, broken_off, lose_power, paper_beam, two_masses
 
 import vofem as vf
@@ -37,7 +37,7 @@ def small_steps(monkeypatch, size):
 
 
 # Two of the runs are too short to be broken off.
-@pytest.mark.parametrize("name", [name for name in NAMED if name not in ("rigid", "truncated")])
+@pytest.mark.parametrize("name", [name for name in CASES if name not in ("rigid", "truncated")])
 def test_resumed_runs_are_bitwise_the_same(name, tmp_path, monkeypatch):
     """A run that loses its machine twice ends as one that does not."""
     small_steps(monkeypatch, 400)

@@ -111,7 +111,6 @@ def test_energy_taken_where_a_block_is_resonant_or_critically_damped():
     assert taken == pytest.approx([np.sum(0.5 * width * power * weights)], rel=1e-9)
 
 
-@pytest.mark.kernels("plain")
 @pytest.mark.parametrize("method", ["central_difference", "energy_conserving", "generalized_alpha"])
 def test_steps_are_of_second_order_where_a_damper_begins_to_act(method):
     """The damper's force jumps at closings. Where it acts for whole steps, the order is one."""

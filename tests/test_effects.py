@@ -99,7 +99,6 @@ def test_a_nonlinear_spring_is_left_to_a_stepping_method():
     assert vf.explain(vf.Scene([mass], [spring])).method == "energy_conserving"
 
 
-@pytest.mark.kernels("plain")
 def test_bistable_spring_conserves_energy():
     """A double well: V = (u^2 - 1)^2/4, two equilibria, snap-through above the barrier."""
     mass = vf.Mass(1.0)
@@ -136,7 +135,6 @@ def test_nonlinear_springs_are_refused_where_they_do_not_fit():
         vf.NonlinearSpring(mass, potential=1.0, force=lambda u: u)
 
 
-@pytest.mark.kernels("plain")
 def test_a_stiffening_spring_that_blows_up_is_an_error():
     mass = vf.Mass(1.0)
     spring = vf.NonlinearSpring(mass, potential=lambda u: 1e6 * u**4 / 4, force=lambda u: 1e6 * u**3, name="hard")

@@ -12,8 +12,6 @@ from scipy.integrate import solve_ivp
 import vofem as vf
 from vofem.io.csv_file import write_csv
 
-pytestmark = pytest.mark.kernels("plain")
-
 
 def run(scene: vf.Scene, t_end: float, times: np.ndarray | None = None, **options: Any) -> vf.Result:
     """Return an event-driven run."""
@@ -309,7 +307,6 @@ def steps(
     return vf.simulate(scene, t_end, method=method, dt=t_end / count, times=times, nearby=False)
 
 
-@pytest.mark.kernels("compiled")
 def test_steps_follow_a_belt_and_a_chain_with_second_order() -> None:
     """Stick-slip, reversals and a spring in series against the reference: the error falls with the step squared."""
     s, values, histories = reference_case("friction/belt")
@@ -363,7 +360,6 @@ def bouncing(s: dict[str, Any], **options: Any) -> tuple[vf.Scene, vf.Mass]:
     return vf.Scene([x, y], effects, initial={x: (0.0, s["vx0"]), y: (s["h0"], 0.0)}), x
 
 
-@pytest.mark.kernels("compiled")
 def test_friction_follows_the_force_of_a_contact() -> None:
     """A bounce that slides until it rests, one held by a spring, and a flutter of coupled modes on a belt."""
     for name, bound, order in (("bounce", 4e-5, 14.0), ("bounce_spring", 5e-4, 4.0)):
@@ -410,7 +406,6 @@ def flutter(s: dict[str, Any]) -> tuple[vf.Scene, vf.Mass]:
     return vf.Scene([x, y], effects, initial={x: (s["q0"][0], 0.0), y: (-s["q0"][1], 0.0)}), x
 
 
-@pytest.mark.kernels("compiled")
 @pytest.mark.parametrize(("method", "sooner"), [("generalized_alpha", 1.0), ("central_difference", 0.5)])
 def test_other_steps_slide_with_second_order(method: str, sooner: float) -> None:
     """Stick-slip with a jump at break-away, reversals, and friction under a contact; `sooner` scales the errors."""
@@ -468,7 +463,6 @@ def test_a_slider_that_sticks_behind_a_spring_does_not_slip() -> None:
         np.testing.assert_array_equal(slider.slip_speed == 0.0, slider.status == 0)
 
 
-@pytest.mark.kernels("compiled")
 @pytest.mark.parametrize("method", ["energy_conserving", "generalized_alpha", "central_difference"])
 def test_a_slider_behind_a_spring_is_pressed_by_a_contact(method: str) -> None:
     """It is relaxed at every closing; the motion amplifies errors, so that many steps are needed."""
@@ -488,7 +482,6 @@ def test_a_slider_behind_a_spring_is_pressed_by_a_contact(method: str) -> None:
     assert slider.breaks.size > 5
 
 
-@pytest.mark.kernels("compiled")
 @pytest.mark.parametrize("method", ["energy_conserving", "generalized_alpha", "central_difference"])
 def test_a_normal_force_that_depends_on_time(method: str) -> None:
     """A block that slides loses speed as the impulse of the normal force grows; a force below zero presses nothing."""
@@ -508,7 +501,6 @@ def test_a_normal_force_that_depends_on_time(method: str) -> None:
         run(vf.Scene([block], [pad]), 1.0)
 
 
-@pytest.mark.kernels("compiled")
 @pytest.mark.parametrize("method", ["energy_conserving", "generalized_alpha"])
 def test_a_stuck_slider_breaks_away_on_time_under_a_tolerance(method: str) -> None:
     """Nothing moves for a hundred seconds, so no step has an error, and then a slow load or a fast one overcomes it."""
@@ -527,7 +519,6 @@ def test_a_stuck_slider_breaks_away_on_time_under_a_tolerance(method: str) -> No
     assert result.displacement(block)[-1] == pytest.approx(exact.displacement(block)[-1], rel=1e-2)
 
 
-@pytest.mark.kernels("compiled")
 @pytest.mark.parametrize("method", ["energy_conserving", "generalized_alpha", "central_difference"])
 def test_a_slider_behind_a_spring_that_is_harder_to_start(method: str) -> None:
     """The force falls at break-away, within a step; the run is compared with the exact one."""
@@ -543,7 +534,6 @@ def test_a_slider_behind_a_spring_that_is_harder_to_start(method: str) -> None:
     assert errors[0] > 3.0 * errors[1]
 
 
-@pytest.mark.kernels("compiled")
 def test_the_slip_of_a_slider_behind_a_spring_is_its_own_and_makes_the_heat() -> None:
     """The end of the spring moves while the slider sticks, and rubs on nothing; steps and the exact run agree."""
     block = vf.Mass(1.0, stiffness=20.0, name="block")
@@ -559,7 +549,6 @@ def test_the_slip_of_a_slider_behind_a_spring_is_its_own_and_makes_the_heat() ->
         assert heat == pytest.approx(slider.dissipated[-1], rel=2e-3)
 
 
-@pytest.mark.kernels("compiled")
 def test_several_sliders_on_a_beam_in_steps_agree_with_the_exact_run() -> None:
     """Two rigid sliders that hold each other, beside one behind a spring and a contact with a damper."""
     beam = vf.Beam(1.0, 10.0, 0.5, 4, {"left": "clamped"}, name="beam")

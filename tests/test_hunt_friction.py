@@ -11,12 +11,10 @@ import random
 import numpy as np
 import pytest
 from campaigns import campaign
-from hunt_scenes import decades
+from random_scenes import decades
 from scipy.integrate import solve_ivp
 
 import vofem as vf
-
-pytestmark = pytest.mark.kernels("plain")
 
 #: Speeds below this share of the largest one so far are zero for the integration.
 STILL = 1e-8

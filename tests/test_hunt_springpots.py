@@ -17,8 +17,6 @@ from test_hunt_stepping import INFORMS
 
 import vofem as vf
 
-pytestmark = pytest.mark.kernels("plain")
-
 #: Of the largest displacement.
 ACCURATE = 0.02
 

@@ -16,8 +16,6 @@ from scenes import cantilever
 
 import vofem as vf
 
-pytestmark = pytest.mark.kernels("plain")
-
 #: Notes that say what was chosen, and not that anything is wrong.
 INFORMS = re.compile(
     r"^(step: dt = .* was chosen|step: the critical step of|storage:|chatter: under|contacts: .* never closed)"

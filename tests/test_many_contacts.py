@@ -38,7 +38,7 @@ def both_ways(monkeypatch, build, **arguments):
 
 
 @pytest.mark.parametrize("method", ["energy_conserving", "generalized_alpha"])
-@pytest.mark.parametrize("damping", [0.0, pytest.param(0.5, marks=pytest.mark.kernels("plain"))])
+@pytest.mark.parametrize("damping", [0.0, 0.5])
 def test_a_chain_moves_the_same_way(monkeypatch, method, damping):
     build = partial(chain, 12, np.full(11, 50.0), np.full(11, 0.05), damping=damping)
     through, band = both_ways(monkeypatch, build, t_end=4.0, method=method, dt=5e-3, times=np.linspace(0.0, 4.0, 41))
@@ -47,7 +47,6 @@ def test_a_chain_moves_the_same_way(monkeypatch, method, damping):
     np.testing.assert_allclose(band.solution.events.time, through.solution.events.time, atol=1e-8)
 
 
-@pytest.mark.kernels("plain")
 @settings(max_examples=12)
 @given(
     seed=st.integers(0, 2**32 - 1),

@@ -10,8 +10,6 @@ from scenes import alone, cantilever
 import vofem as vf
 from vofem.io.csv_file import write_probes
 
-pytestmark = pytest.mark.kernels("plain")
-
 STEPPING = ("energy_conserving", "generalized_alpha", "central_difference")
 T_END, DT = 0.5, 1e-4
 
@@ -24,7 +22,6 @@ def beam_on_stop():
 
 
 # No other test compiles the record of points in all methods.
-@pytest.mark.kernels("compiled")
 @pytest.mark.parametrize("method", STEPPING)
 def test_every_step_is_recorded_beside_few_states(method):
     scene, beam = beam_on_stop()

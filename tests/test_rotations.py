@@ -106,7 +106,6 @@ LINEAR = {
 }
 
 
-@pytest.mark.kernels("plain")
 @pytest.mark.parametrize("method", STEPPING)
 @pytest.mark.parametrize("kind", LINEAR)
 def test_a_law_in_its_linear_range_is_a_rotational_spring(kind, method):
@@ -206,7 +205,6 @@ def test_scene_files_say_what_an_effect_acts_on(tmp_path):
         load_scene(tmp_path / "bad.toml")
 
 
-@pytest.mark.kernels("plain")
 def test_stored_data_and_tables_have_the_units_of_rotations(tmp_path):
     from vofem.io.plot import time_history
     from vofem.io.render import render

@@ -9,8 +9,6 @@ from scipy.integrate import solve_ivp
 
 import vofem as vf
 
-pytestmark = pytest.mark.kernels("plain")
-
 
 def shaking(body, d):
     return vf.BaseMotion(body, vf.Sine(d["a"], d["Omega"]), displacement=0.0, velocity=-d["a"] / d["Omega"])

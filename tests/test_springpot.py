@@ -101,7 +101,6 @@ def contact_beam(effect, initial=True):
     return beam, vf.Scene([beam], [effect(beam.at(0.7)), stop, load], start)
 
 
-@pytest.mark.kernels("plain")
 @pytest.mark.parametrize(("method", "within"), list(zip(METHODS, (1e-12, 2e-6, 1e-12), strict=True)))
 def test_order_one_is_a_dashpot(method, within):
     """On a beam that hits a damped stop, between nodes; generalized_alpha has dashpots at another time."""
@@ -118,7 +117,6 @@ def test_order_one_is_a_dashpot(method, within):
     assert np.all(result.springs["s"].stored == 0.0)
 
 
-@pytest.mark.kernels("plain")
 @pytest.mark.parametrize(("method", "within"), list(zip(METHODS, (1e-12, 1e-6, 1e-6), strict=True)))
 def test_order_zero_is_a_spring(method, within):
     dt = STEP[method]
@@ -144,7 +142,6 @@ def test_orders_next_to_the_ends(order):
     assert one == pytest.approx(two, abs=1e-8)
 
 
-@pytest.mark.kernels("plain")
 def test_an_elongation_at_the_start_is_without_force():
     """Everything was at rest before t = 0, in its place: a mass on springpots alone stays there."""
     a, b = vf.Mass(1.0, name="a"), vf.Mass(1.0, name="b")
@@ -321,7 +318,6 @@ def test_what_is_held_and_what_is_lost():
         assert spring.dissipated[-1] == pytest.approx(absorbed - held, rel=2e-5)
 
 
-@pytest.mark.kernels("plain")
 @pytest.mark.parametrize("method", METHODS)
 def test_the_balance_of_energy_of_every_method(method):
     beam, scene = contact_beam(lambda point: vf.Springpot(point, coefficient=0.5, order=0.5, name="s"))
@@ -346,7 +342,6 @@ def test_central_differences_keep_their_critical_step():
             vf.simulate(scene, 10.0, method="central_difference", dt=1.001)
 
 
-@pytest.mark.kernels("plain")
 @pytest.mark.parametrize("rho", [0.8, 1.0])
 def test_hard_springpots_in_generalized_alpha(rho):
     """Nearly springs, 1e5 times as stiff as the beam: it stops with an error, or keeps the balance."""
@@ -377,7 +372,6 @@ def test_steps_that_follow_a_tolerance(start):
         assert result.counters.history_updates == result.counters.steps
 
 
-@pytest.mark.kernels("plain")
 def test_tolerance_with_rejected_steps_keeps_the_balance():
     """A stop that the steps run into; at times that are steps the balance closes to rounding."""
     mass = vf.Mass(1.0, stiffness=4.0)

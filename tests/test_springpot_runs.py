@@ -53,7 +53,6 @@ def test_statics_and_modes_leave_them_out():
         vf.equilibrium(vf.Scene([mass], [vf.Springpot(mass, coefficient=1.0, order=0.5), vf.PointLoad(mass, 1.0)]))
 
 
-@pytest.mark.kernels("plain")
 @pytest.mark.parametrize("method", METHODS)
 def test_beside_springs_with_memory(method):
     """Each is told by its name; a springpot of coefficient 0 changes nothing beside them."""
@@ -98,7 +97,6 @@ def test_reactions_know_of_them(method, within):
 # -- stopping, saving, going on ---------------------------------------------------------------------
 
 
-@pytest.mark.kernels("plain")
 def test_an_order_that_is_a_function_must_be_given_again(tmp_path, monkeypatch):
     monkeypatch.setattr("vofem.integrators.stepping.equal._PLAIN_WORK", 200)
     monkeypatch.setattr("vofem.laws.springpot_past._MOST_STEPS", 150)

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
-from kept import CASES, NAMED, assert_whole, ran, same
+from kept import CASES, assert_whole, ran, same
 from scenes import SHORT, alone
 
 import vofem as vf
@@ -31,7 +31,7 @@ def saved_and_loaded(result, path, **options):
     return vf.load(path)
 
 
-@pytest.mark.parametrize("name", [name for name in NAMED if "tolerance" not in str(name)])
+@pytest.mark.parametrize("name", [name for name in CASES if "tolerance" not in name])
 def test_a_loaded_run_is_whole(name, tmp_path):
     """So is one that is saved again; the scene that it holds, and that of a scene file, run to the same bits."""
     result = ran(name)
@@ -137,7 +137,6 @@ def with_callables():
     return vf.simulate(scene, 0.3, method="central_difference", times=np.linspace(0.0, 0.3, 31))
 
 
-@pytest.mark.kernels("plain")
 def test_a_run_with_callables_is_read_whole(tmp_path):
     result = with_callables()
     beam = result.scene.bodies[0]
@@ -159,7 +158,6 @@ def test_a_run_with_callables_is_read_whole(tmp_path):
             assert np.max(np.abs(getattr(run, what)(x) - expected)) <= 1e-13 * np.max(np.abs(expected)) + 1e-14
 
 
-@pytest.mark.kernels("plain")
 def test_what_needs_a_callable_names_it(tmp_path):
     loaded = saved_and_loaded(with_callables(), tmp_path / "run.vtkhdf")
     for method in ("auto", "central_difference", "generalized_alpha"):

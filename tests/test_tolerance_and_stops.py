@@ -33,8 +33,8 @@ def flight(t, stiffness):
     return np.where(t < 0.5, t, side * np.where(since < touch, inside, 0.5 - (since - touch)))
 
 
-#: Hard case 32 of the catalogue has 1e6, 1e8 and 1e12 N/m with a tolerance of 1e-4.
-PAIRS = [*((stiffness, 1e-2) for stiffness in (1e2, 1e4, 1e8, 1e12)), (1e2, 1e-4), (1e4, 1e-4)]
+#: Hard case 32 of the catalogue has 1e4, 1e6, 1e8 and 1e12 N/m with a tolerance of 1e-4.
+PAIRS = [*((stiffness, 1e-2) for stiffness in (1e2, 1e4, 1e8, 1e12)), (1e2, 1e-4)]
 
 
 @pytest.mark.parametrize(("stiffness", "tol"), PAIRS)
@@ -104,7 +104,6 @@ def test_masses_that_hit_each_other_and_stops(law, stiffness):
             assert np.max(np.abs(result.displacement(body) - exact.displacement(body))) < 10.0 * tol * size
 
 
-@pytest.mark.kernels("plain")
 def test_a_damped_stop():
     mass = vf.Mass(1.0, name="mass")
     stop = vf.Contact(
@@ -118,7 +117,6 @@ def test_a_damped_stop():
     assert result.contacts["floor"].closings.size > 3
 
 
-@pytest.mark.kernels("plain")
 @pytest.mark.parametrize("resolution", [1e4, 1e6])
 def test_a_resolved_switch(resolution):
     """A stiff stop whose switch is smooth gives the speed back, and is left after the time that its own law takes."""
@@ -142,7 +140,6 @@ def test_a_resolved_switch(resolution):
     assert np.max(np.abs(result.displacement(mass) - right)) < 1e-4 * np.max(np.abs(right))
 
 
-@pytest.mark.kernels("plain")
 @pytest.mark.parametrize(("stiffness", "tol"), [(1e2, 1e-2), (1e4, 1e-4), (1e8, 1e-2), (1e8, 1e-4)])
 def test_a_mass_between_two_stops_that_could_yield(stiffness, tol):
     """Within their linear limit such stops do what contacts do."""
@@ -186,7 +183,6 @@ def tried(law, start, phase, fineness=1.0):
     return run.impact(run.length(1))[1], float(changes.max())
 
 
-@pytest.mark.kernels("plain")
 @pytest.mark.parametrize("law", ["contact", "crushing"])
 def test_a_step_across_an_impact_is_not_taken_for_resolved(law):
     """Steps of many radians leave almost no displacement behind, and turn the velocity round."""
@@ -201,7 +197,6 @@ def test_a_step_across_an_impact_is_not_taken_for_resolved(law):
         assert tried(law, (0.0, 1.0), phase)[0] == 0.0
 
 
-@pytest.mark.kernels("plain")
 @pytest.mark.parametrize("law", ["yielding", "cyclic"])
 def test_a_step_in_which_a_spring_begins_to_yield_is_resolved(law):
     """At its limit the spring's tangent falls: a step of a radian is too long for that, one of a hundredth is not."""
@@ -211,7 +206,6 @@ def test_a_step_in_which_a_spring_begins_to_yield_is_resolved(law):
     assert tried(law, (0.1, 0.01), 1.0)[0] == 0.0
 
 
-@pytest.mark.kernels("plain")
 def test_a_finer_run_asks_for_shorter_steps():
     """The same step is resolved for a coarse run and not for a fine one."""
     assert tried("crushing", (0.4999, 1.0), 0.2, 0.5)[0] == 0.0
@@ -240,7 +234,6 @@ def test_times_may_be_asked_for_twice():
     assert abs(result.displacement(mass)[-1] + 2.0) < 10.0 * 1e-2 * 2.0
 
 
-@pytest.mark.kernels("plain")
 def test_a_load_faster_than_the_rough_run_does_not_spoil_the_size():
     """The rough run takes a hundredth of a second a step, the load turns every hundredth; loads enter by moments."""
     mass = vf.Mass(1.0, stiffness=4.0)
@@ -272,7 +265,6 @@ def test_smooth_motion_keeps_the_quintic():
     assert np.max(np.abs(found - np.sin(1.4 + t))) < 1e-6
 
 
-@pytest.mark.kernels("plain")
 @pytest.mark.parametrize(("law", "load"), [
     ("bilinear", "pulse"), ("iwan", "pulse"), ("resolved", "pulse"), ("bilinear", "hump"), ("iwan", "ramp"),
 ])  # fmt: skip

@@ -7,8 +7,6 @@ from scenes import ledger_error, reference_case
 import vofem as vf
 from vofem.io import plot
 
-pytestmark = pytest.mark.kernels("plain")
-
 ENDS = {"left": "pinned", "right": "pinned"}
 
 

@@ -34,18 +34,9 @@ RUNS = [(case, method, how) for case in catalogue() for method, how in case.how.
 NUMBERS = {*range(1, 30), 31, 32}
 
 
-#: Cases whose laws no other test compiles alone; test_kernel_modes.py compiles these laws beside others.
-PLAIN = {"softening spring, manufactured solution"}
-
-
 @pytest.mark.parametrize(
     ("case", "method", "how"),
-    [
-        pytest.param(
-            *run, id=f"{run[0].label}, {run[1]}", marks=[pytest.mark.kernels("plain")] * (run[0].name in PLAIN)
-        )
-        for run in RUNS
-    ],
+    [pytest.param(*run, id=f"{run[0].label}, {run[1]}") for run in RUNS],
 )
 def test_case(case, method, how):
     outcome = judge(case, method, how)

@@ -178,7 +178,7 @@ def _add_integral(out: Linear, forward: Forward, index: int, law: Law) -> None:
             out.add(index, t, share * law.row)
             out.explicit += share * law.explicit(states[:, k], t)
         return
-    state, left = found[0], np.linalg.solve(matrix.T, law.row).astype(float, copy=False)
+    state, left = found[0], np.asarray(np.linalg.solve(matrix.T, law.row), dtype=float)
     out.add(index, duration, left)
     out.add(index, 0.0, -left)
     out.explicit += law.rows @ state + law.constants * duration

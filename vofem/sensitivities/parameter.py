@@ -70,7 +70,7 @@ class Parameter:
     @property
     def name(self) -> str:
         """Names of the targets, the elements and the field, such as ``"stop.gap"``."""
-        targets = " and ".join(str(getattr(one, "name", one if isinstance(one, str) else type(one).__name__))
+        targets = " and ".join(str(one if isinstance(one, str) else getattr(one, "name", None) or type(one).__name__)
                                for one in self.targets)  # fmt: skip
         place = "" if self.elements is None else f"[{', '.join(str(k) for k in self.elements)}]"
         return f"{targets}.{self.field}{place}"

@@ -16,7 +16,7 @@ from vofem.kernels.mode import compiled
 from vofem.system import Counters, State
 
 #: Entries of states that one call of a kernel advances: some milliseconds of work.
-_CHUNK_WORK = 200_000
+_CHUNK_WORK = 400_000
 
 #: The same in plain Python.
 _PLAIN_WORK = 10_000

@@ -56,7 +56,7 @@ from vofem.laws.law import FIRST, FORCE, Laws, Way, ask
 from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.laws.springpot_steps import Springpots, begin_springpots, end_springpots
 from vofem.linalg.banded import solve, subtract_product
-from vofem.linalg.vectors import copy, fill, multiply_transposed
+from vofem.linalg.vectors import copy, fill
 
 #: A correction of the mean velocity above this fraction of it is corrected again.
 _SMALL = 2.0**-6
@@ -261,6 +261,8 @@ def advance(
         stride = rules.stride
     way, explicit, weight = numbers.way, numbers.way.explicit, numbers.part
     damped, shifted, past = damping.shape[0] > 0, shift.shape[0] > 0, laws.state.size > 0
+    # Without laws the solution replaces the residual, in its place where accelerations do not lag.
+    direct = m == 0 and earlier is None and numbers.alpha_m == 0.0
     if m == 0:
         x = right
     # Whether forces are known before the acceleration, so that nothing is searched.
@@ -270,6 +272,8 @@ def advance(
     for k in range(chunk.q.shape[0] - 1):
         q0, v0, a0, q1, v1, a1 = chunk.q[k], chunk.v[k], chunk.a[k], chunk.q[k + 1], chunk.v[k + 1], chunk.a[k + 1]
         here, there = k * stride, (k + 1) * stride
+        if direct:
+            right, x = a1, a1
         # For mean forces p is guessed, the mean rate of displacement; otherwise q1 and v1 are those without w.
         # Motion that the step does not resolve changes its velocity from step to step. It drops out of the mean
         # velocities of the two steps before, which are extrapolated here.
@@ -293,7 +297,9 @@ def advance(
             begin_springpots(pots, k, laws, way, chunk.pots, u_before, base, rate)
         solved, turned = 0, False
         for again in range(4):
-            multiply_transposed(loads, values[k], right)
+            fill(right, 0.0)
+            for e in range(loads.shape[0]):
+                _sum(right, right, values[k, e], loads[e])
             if earlier is not None:
                 # Forces first: on fine meshes they cancel, and what inertia adds must not be rounded to their size.
                 _sum(some, q0, b * dt, p)
@@ -380,9 +386,7 @@ def advance(
             if not explicit:
                 _sum(q1, q1, dt * dt * numbers.cqw, x)
             _sum(v1, v1, dt * numbers.cvw, x)
-            if numbers.alpha_m == 0.0:
-                copy(x, a1)
-            else:
+            if not direct:
                 _between(a1, a0, 1.0 / (1.0 - numbers.alpha_m), x)
             if numbers.lag != 0.0:
                 _difference(chunk.ends[k + 1], numbers.lag, a1, a0)

@@ -51,7 +51,9 @@ class Path:
 
     def __init__(self, rows: int, n: int, laws: Laws, pots: int, lags: bool, sliders: int = 0) -> None:
         m = laws.table.shape[0]
-        q, v, a = np.zeros((3, rows, n))
+        # Steps fill all rows but the first.
+        q, v, a = np.empty((3, rows, n))
+        a[0] = 0.0
         u, reaction, damper = np.zeros((3, rows, m))
         self.chunk = Chunk(
             q, v, a, u, reaction, damper, np.zeros((rows, laws.state.size)), np.zeros((rows, pots, 2)),

@@ -321,7 +321,7 @@ class Run:
         on = np.flatnonzero(loads.any(axis=0))
         seen = on if 4 * on.size < self.system.size else slice(None)
         if not self.scheme.mean or self.sliders is not None:
-            return np.einsum("ke,ke->k", np.diff(steps.q[:, seen] @ loads[:, seen].T, axis=0), means)
+            return np.asarray(np.sum(np.diff(loads[:, seen] @ steps.q[:, seen].T) * means.T, axis=0))
         along = _middle(steps.v[:, seen] @ loads[:, seen].T)
         if not np.any(forcing.first):
             return dt * np.einsum("ke,ke->k", along, means)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Protocol, overload
+from typing import Any, Protocol, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,7 +103,7 @@ class Orbits(Sequence[PeriodicOrbit]):
 class Curve(Saved):
     """A curve of orbits that files hold and that notebooks show; see `Branch` and `Locus` for its attributes."""
 
-    _saver: ClassVar[str] = "curve"
+    _saver = "curve"
 
     values: Array
     special: list[SpecialPoint]

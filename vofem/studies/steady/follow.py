@@ -207,8 +207,7 @@ class Follower:
             self._why = f" ({error})"
             return self._ending(now, step)
         if passed is not None and passed.grazed:
-            left = float(np.linalg.norm((passed.before.y - now.y) / now.scales))
-            turns = left > _SHORT and now.tangent @ passed.before.tangent < _REFUSED
+            left, turns = self._before(now, passed)
             if (left > _NEAR or turns) and step > 0.5 * left:
                 # Steps become shorter towards a grazing, as they begin short beyond it: special points lie close to it.
                 return now, 0.5 * left
@@ -234,10 +233,16 @@ class Follower:
             return None
         if passed is None or self.family.interval.beyond(passed.at.value) is not None:
             return None
-        if step > _SHORT and now.tangent @ passed.before.tangent < _REFUSED:
+        if step > _SHORT and self._before(now, passed)[1]:
             self._why = " (the branch turns too far in one step)"
             return None
         return self._passed(now, passed, step)
+
+    @staticmethod
+    def _before(now: Point, passed: Passage) -> tuple[float, bool]:
+        """Return how far ahead a change of the signature lies, and whether the branch turns too far up to there."""
+        left = float(np.linalg.norm((passed.before.y - now.y) / now.scales))
+        return left, left > _SHORT and bool(now.tangent @ passed.before.tangent < _REFUSED)
 
     def _passed(self, now: Point, passed: Passage, step: float) -> tuple[Point, float] | None:
         """Continue beyond a change of the signature."""

@@ -185,9 +185,12 @@ def _lowest(family: Family, now: Point, after: Point) -> float | None:
 
 def _first(family: Family, now: Point, after: Point, changes: list[_Change]) -> Passage:
     """Return the first of some changes of the signature between two neighbours, and of those that come before it."""
-    last = after
+    last, pairs = after, tuple[_Pair, ...]()
     for _ in range(_MOST):
         change = min(changes, key=lambda one: one.share)
+        if pairs and change.pairs and change.share >= 1.0 - _SAME:
+            # Of two that end at one orbit, the first orbit beside it with one of them may lack the other.
+            change = change._replace(pairs=(*change.pairs, *pairs))
         found, pairs = _located(family, now, last, change)
         last = found.before
         changes = _vanishing(now, last, pairs) or _touching(now, last)

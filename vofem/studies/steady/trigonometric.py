@@ -50,11 +50,6 @@ def to_real(coefficients: Complex) -> Array:
     return np.concatenate([coefficients.real, -coefficients[1:].imag])
 
 
-def grid(harmonics: int) -> Array:
-    """Return equal angles, both ends of the period included."""
-    return np.linspace(0.0, 2.0 * np.pi, _LOOKS * (harmonics + 1) + 1)
-
-
 def roots(series: Array, low: Array, high: Array, level: float = 0.0) -> Array:
     """Return the angles at which a series reaches a level, between angles on different sides of it, shape (k,)."""
     harmonics, slope = series.size // 2, rate(series)
@@ -85,7 +80,7 @@ def turning_points(series: Array) -> Array:
     """
     slope = rate(series)
     harmonics = series.size // 2
-    places = grid(harmonics)
+    places = np.linspace(0.0, 2.0 * np.pi, _LOOKS * (harmonics + 1) + 1)
     values = basis(places, harmonics) @ slope
     values[-1] = values[0]
     size = float(np.abs(slope).sum())
