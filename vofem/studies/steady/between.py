@@ -9,7 +9,7 @@ import numpy as np
 
 from vofem.arrays import Array
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.point import Point, corrected, derivative_by_value, tangent_at
+from vofem.studies.steady.point import Point, corrected, derivative_by_value, level, tangent_at
 
 #: `Evaluation.error` that the orbits reach with which special points are located.
 EXACT = 1e-14
@@ -24,6 +24,10 @@ _NEAREST = 3
 
 #: Least distance of two such points, as a share of their distance from the guess.
 _APART = 1e-2
+
+#: The parameter is held where the least of its shares in both directions and in the secant is at least so much of the
+#: largest one, and at least so much.
+_STEADY, _LEVEL = 0.5, 1e-3
 
 
 @dataclass
@@ -42,6 +46,13 @@ class Step:
     def length(self) -> float:
         """Distance of the two in scaled coordinates."""
         return float(np.linalg.norm(self.secant))
+
+    @property
+    def steady(self) -> bool:
+        """Whether the parameter changes evenly along the step, so that no fold is near."""
+        rates = np.array([self.first.tangent[-1], self.last.tangent[-1], self.secant[-1] / self.length])
+        rates *= np.sign(rates[-1])
+        return bool(rates.min() > max(_STEADY * rates.max(), _LEVEL))
 
 
 def interpolated(places: list[float], values: list[Array], slopes: list[Array], at: float) -> Array:
@@ -86,11 +97,16 @@ def point_between(
     slopes = [point.tangent * point.scales / scales for point in (first, last)]
     slopes = [slope * step.length / max(float(slope @ normal), 0.1) for slope in slopes]
     guess = interpolated(places, values, slopes, share)
-    # The orbit is found on the plane at this share.
-    guess = guess + normal * (normal @ (values[0] + share * step.secant - guess))
+    if step.steady:
+        # A problem at a known value costs nothing, so the guess's value is held.
+        plane = level(guess.size)
+    else:
+        # The orbit is found on the plane at this share.
+        plane = normal
+        guess = guess + normal * (normal @ (values[0] + share * step.secant - guess))
     by_value = (1.0 - share) * first.by_value + share * last.by_value
     y, evaluation, by_value = corrected(
-        family, first.chart, guess * scales, scales, normal, by_value, tolerance=tolerance, renewed=True
+        family, first.chart, guess * scales, scales, plane, by_value, tolerance=tolerance, renewed=True
     )
     towards = first.tangent
     if tangent:

@@ -38,7 +38,7 @@ from vofem.studies.steady.touching import Passage, ending, passage, what_contact
 FIRST, LARGEST, LEAST = 0.01, 0.1, 1e-10
 
 #: Cosine of the angle between successive tangents below which a step is rejected, and the desired angle in rad.
-_REFUSED, _AIM = np.cos(np.radians(25.0)), np.radians(9.0)
+_REFUSED, _AIM = np.cos(np.radians(25.0)), np.radians(12.0)
 
 #: Largest difference of the direction from one orbit to the next from the mean of the branch's directions at both, and
 #: the share of the largest step below which it is not looked at.
