@@ -245,10 +245,12 @@ def test_without_an_exact_orbit_the_stability_is_not_decided(tmp_path):
     assert fold.value > 0.75563
     assert fold.orbit.multipliers is None
     assert fold.orbit.stable is None
+    assert "no exact orbit lies within the error of the harmonics" in fold.orbit.stability
     assert branch.orbits[0].stable is False
     assert branch.orbits[0].multipliers == pytest.approx(orbit.multipliers, abs=1e-9)
     loaded = vf.load(branch.save(tmp_path / "branch.h5"))
     assert loaded.special[branch.special.index(fold)].orbit.multipliers is None
+    assert loaded.special[branch.special.index(fold)].orbit.stability == fold.orbit.stability
     np.testing.assert_array_equal(loaded.orbits[0].multipliers, branch.orbits[0].multipliers)
 
 

@@ -190,7 +190,10 @@ def test_a_guess_is_named_in_messages():
         vf.periodic(bilinear(1.5), guess=3)
     with pytest.raises(vf.ArgumentError, match="continuation: guess names"):
         vf.continuation(bilinear, 1.5, 1.6, guess={vf.Mass(1.0, name="other"): (0.0, 0.0)})
-    with pytest.raises(vf.ArgumentError, match=r"give period=, here 4\.18879"):
+    stranger = vf.simulate(vf.Scene([vf.Mass(1.0, name="stranger")]), 1.0)
+    with pytest.raises(vf.ArgumentError, match="periodic: guess: no body is named"):
+        vf.periodic(bilinear(1.5), guess=stranger)
+    with pytest.raises(vf.ArgumentError, match=r"this one repeats after 4\.18879"):
         vf.periodic(bilinear(1.5), period=5.0)
 
 

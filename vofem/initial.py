@@ -135,7 +135,10 @@ class Initial:
                 body.interpolate(source[0], "initial displacement"),
                 body.interpolate(source[1], "initial velocity"),
             )
-        q, v = source.state_of(body.name)
+        try:
+            q, v = source.state_of(body.name)
+        except ArgumentError as error:
+            raise ArgumentError(f"{self._what}: {error}") from error
         if np.shape(q) != (body.size,):
             raise ArgumentError(
                 f"{self._what} has {np.shape(q)[0]} degrees of freedom for {body.label}, expected "

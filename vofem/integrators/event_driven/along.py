@@ -215,7 +215,7 @@ class Course:
 
     def along(
         self, time: float, state: Array, statuses: Sequence[Status], durations: Array,
-        columns: Array | None = None, lengthen: Array | None = None, nodes: Array | None = None, *,
+        columns: Array | None = None, lengthen: Array | None = None, *,
         struck: Sequence[int] = (), every: bool = False,
     ) -> Path:  # fmt: skip
         """Return the motion from a modal state at a time in s through segments.
@@ -224,8 +224,6 @@ class Course:
         `durations` (shape (m,)): in s.
         `columns` (shape (2n, k)): derivatives of the state at the beginning, whose time is fixed.
         `lengthen` (shape (m, k)): derivatives of the durations.
-        `nodes` (shape (m - 1, 2n)): states at which the segments after the first begin, in place of the ends of the
-        segments before. The last column then contains the differences, as they grow along the motion.
         `struck`: the rigid stop that is hit at the end of each of the first segments, -1 for none.
         `every`: whether the columns are kept at the ends of all segments.
         Raises `ConvergenceError` if a motion that is followed backwards in time grows too much.
@@ -241,14 +239,13 @@ class Course:
         hit[: len(struck)] = struck
         k = columns.shape[1]
         kept = np.empty((durations.size if every else 0, size, k))
-        nodes = np.empty((0, size)) if nodes is None else np.ascontiguousarray(nodes)
         grouped = any(group is not None for group in table.groups)
         with kernels(compiled=False) if grouped else nullcontext():
             moved = table.pieces._replace(response=response(bool(table.pieces.pairs.any())))
             starts, ends, means, shifts, end_rows, mean_rows, last, sizes = pass_segments(
                 self._structure, table.maps, moved, table.groups if grouped else None, time,
                 np.ascontiguousarray(state), numbers, durations, hit, np.array(columns, order="C"),
-                np.ascontiguousarray(lengthen), nodes, kept, self.horizon,
+                np.ascontiguousarray(lengthen), kept, self.horizon,
             )  # fmt: skip
         times = time + np.append(0.0, np.cumsum(durations[:-1]))
         return Path(

@@ -366,8 +366,8 @@ def _columns_after(
 @jit
 def pass_segments(
     structure: Structure, maps: Maps, loads: Pieces, groups: list[Group | None] | None, time: float, state: Array,
-    status: IntArray, durations: Array, struck: IntArray, columns: Array, lengthen: Array, nodes: Array,
-    all_columns: Array, horizon: float,
+    status: IntArray, durations: Array, struck: IntArray, columns: Array, lengthen: Array, all_columns: Array,
+    horizon: float,
 ) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:  # fmt: skip
     """Follow a motion from a modal state (2n,) at a time through m segments, with k columns (2n, k).
 
@@ -443,10 +443,6 @@ def pass_segments(
                 all_columns[i] = columns
         time += h
         state = ends[i].copy()
-        if i < nodes.shape[0]:
-            if k:
-                columns[:, k - 1] += ends[i] - nodes[i]
-            state = nodes[i].copy()
         if struck[i] >= 0:
             row, kick = structure.rows[struck[i]], structure.kick[struck[i]]
             state[n:] -= kick * np.sum(row * state[n:]) * row

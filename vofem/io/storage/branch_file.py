@@ -31,7 +31,7 @@ from vofem.studies.steady.family import Family, Interval, problem_of
 from vofem.studies.steady.follow import Follower
 from vofem.studies.steady.harmonic_balance import harmonics_in
 from vofem.studies.steady.near import signature_at
-from vofem.studies.steady.orbit import OrbitTruncation
+from vofem.studies.steady.orbit import OrbitSource, OrbitTruncation
 from vofem.studies.steady.shooting import orbit_result
 from vofem.studies.steady.signature import CLOSES
 from vofem.studies.steady.steady_state import as_guess
@@ -172,20 +172,16 @@ def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicO
             return chart.evaluate(problem(), y, derivative=False)
 
         orbit = PeriodicOrbit(
-            scene,
+            OrbitSource(scene, motion, result, lambda: kept["multipliers"][k], stable=lambda: kept["stable"][k]),
             method,
             omega,
             periods,
-            multipliers=kept["multipliers"][k],
             residual=float(kept["residual"][k]),
-            result=result,
-            motion=motion,
             truncation=truncation,
-            notes=tuple(kept["notes"][k]),
+            notes=list(kept["notes"][k]),
             unknowns=unknowns,
             autonomous=bool(kept["autonomous"][k]),
             start=start,
-            stable=kept["stable"][k],
         )
         return orbit
 

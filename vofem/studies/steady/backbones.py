@@ -356,7 +356,7 @@ _UNDECIDED = 1e-6
 
 @dataclass(frozen=True)
 class _Evaluation:
-    """The equations of a free oscillation; an `Evaluation`."""
+    """The equations of a free oscillation."""
 
     #: Velocities after half a period over the speed of the motion, and one minus the wanted level over the level, shape
     #: (n + 1,).

@@ -11,7 +11,7 @@ from vofem.arrays import Array
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.point import Point, corrected, derivative_by_value, level, tangent_at
 
-#: `Evaluation.error` that the orbits reach with which special points are located.
+#: Error of an evaluation that the orbits reach with which special points are located.
 EXACT = 1e-14
 
 #: Points of a step by their share of it.

@@ -123,7 +123,7 @@ class Extended:
 
     # -- equations ------------------------------------------------------------------------------------
 
-    def evaluate(self, problem: Any, y: Array, *, derivative: bool = True, nodes: None = None) -> ExtendedEvaluation:
+    def evaluate(self, problem: Any, y: Array, *, derivative: bool = True) -> ExtendedEvaluation:
         """Return the equations at the orbit's coordinates, theta or s, and `value`, shape (m,)."""
         m = y.size - self.more
         now = self.inner.evaluate(problem, y[:m])
@@ -304,10 +304,6 @@ class Extended:
     def scales(self, problem: Any, evaluation: ExtendedEvaluation) -> Array:
         """Return sizes of the coordinates."""
         return np.concatenate([self.inner.scales(problem, evaluation.orbit), np.ones(self.more - 1), [self.size]])
-
-    def nodes(self, evaluation: ExtendedEvaluation, moved: Array | None = None) -> None:
-        """Return nothing: special orbits are near enough to their predictions."""
-        return
 
     def lengths(self, y: Array) -> Array:
         """Return the lengths of all segments in rad."""

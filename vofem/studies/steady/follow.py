@@ -306,30 +306,14 @@ class Follower:
         return interpolated(*known, step) * now.scales
 
     def _corrected(self, now: Point, guess: Array, step: float) -> tuple[Array, Any, Array]:
-        """Return the orbit near a guess; where that fails, from states at the switches that are predicted too."""
+        """Return the orbit near a guess."""
         # A problem at a known value costs nothing, so the value is held where no fold is near.
         slope, earlier, bend = now.tangent[-1], self._earlier(now), 0.0
         if earlier is not None:
             bend = (slope - earlier[1][-1]) / earlier[2]
         held = isinstance(now.chart, Signature) and abs(slope) > max(_FOLD * step * abs(bend), _LEVEL)
         normal = level(guess.size, np.sign(slope)) if held else now.tangent
-        common = self.family, now.chart, guess, now.scales, normal, now.by_value
-        try:
-            return corrected(*common, renewed=True)
-        except ConvergenceError:
-            nodes = self._ahead(now, step)
-            if nodes is None or not nodes.size:
-                raise
-            return corrected(*common, nodes=nodes, renewed=True)
-
-    def _ahead(self, now: Point, step: float) -> Array | None:
-        """Return approximate states at the switches of the next orbit, from the last two orbits."""
-        before = self.steps[-1] if self.steps else None
-        nodes: Array | None = now.chart.nodes(now.evaluation)
-        if nodes is None or before is None or before.last is not now:
-            return nodes
-        earlier = now.chart.nodes(before.first.evaluation)
-        return np.asarray(nodes + step / max(before.length, 1e-300) * (nodes - earlier))
+        return corrected(self.family, now.chart, guess, now.scales, normal, now.by_value, renewed=True)
 
     def _accepted(self, now: Point, y: Array, evaluation: Any, by_value: Array, step: float) -> Point | None:
         """Return a corrected point, or None where the branch has turned too far.

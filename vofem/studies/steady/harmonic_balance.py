@@ -41,7 +41,7 @@ from vofem.studies.steady.linear_rest import FULL, Attached, LinearRest, linear_
 from vofem.studies.steady.loads import load_series
 from vofem.studies.steady.near import orbit_near
 from vofem.studies.steady.newton import ROUNDING, TOLERANCE, raised, solved
-from vofem.studies.steady.orbit import DECIDED, OrbitTruncation, PeriodicOrbit
+from vofem.studies.steady.orbit import DECIDED, OrbitSource, OrbitTruncation, PeriodicOrbit
 from vofem.studies.steady.problem import OrbitProblem, Work
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.signature import SignatureEvaluation
@@ -70,7 +70,7 @@ _SAFETY = 6.0
 #: Smallest step on the way from the linear response to the laws' full strength, and iterations of one.
 _SMALLEST, _TRIES = 1.0 / 16.0, 12
 
-#: `Evaluation.error` at which equations with weaker laws count as solved.
+#: Error of an evaluation at which equations with weaker laws count as solved.
 _WEAKER = 1e-6
 
 
@@ -378,17 +378,19 @@ class HarmonicBalance(OrbitProblem):
         if self.undecided is not None and self.shooting is None:
             notes.append(self.undecided)
         return PeriodicOrbit(
-            self.scene,
+            OrbitSource(
+                scene=lambda: self.scene,
+                motion=lambda: evaluation.motion,
+                result=lambda: harmonic_result(self.scene, evaluation.motion, tuple(notes)),
+                multipliers=lambda: evaluation.multipliers,
+                uncertainty=lambda: evaluation.uncertainty,
+            ),
             "harmonic_balance",
             self.loads.omega,
             self.periods,
-            multipliers=lambda: evaluation.multipliers,
-            decided=lambda: evaluation.uncertainty,
             residual=evaluation.error,
-            result=lambda: harmonic_result(self.scene, evaluation.motion, tuple(notes)),
-            motion=lambda: evaluation.motion,
             truncation=evaluation.truncation,
-            notes=tuple(notes),
+            notes=list(notes),
             unknowns=np.array(unknowns),
         )
 

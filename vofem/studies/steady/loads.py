@@ -137,7 +137,9 @@ def _values(load: Load, period: float, later: float) -> np.ndarray:
 def _check(what: str, load: Load, period: float) -> None:
     """Raise where a load differs from itself a period later."""
     now, waves = _values(load, period, 0.0), _frequencies(what, load, period)
-    own = f", here {2.0 * np.pi / waves[0]:.9g} s or a multiple of it" if len(waves) == 1 else ""
+    own = "if this one repeats later, give its period as period="
+    if len(waves) == 1:
+        own = f"this one repeats after {2.0 * np.pi / waves[0]:.9g} s, so give that or a multiple of it as period="
     size = float(np.abs(now).max())
     for count in (1, 2, 3):
         later = _values(load, period, count * period)
@@ -145,7 +147,7 @@ def _check(what: str, load: Load, period: float) -> None:
             raise ArgumentError(
                 f"{what}: {load.name} is not periodic with {period:.9g} s: it differs from itself {count} "
                 f"period{'s' * (count > 1)} later by {np.abs(later - now).max():.3g}. Loads of steady states are sums "
-                f"of Sine and Constant; where the period is longer, give period={own}"
+                f"of Sine and Constant; {own}"
             )
 
 

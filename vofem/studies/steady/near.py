@@ -81,7 +81,7 @@ def orbit_near(problem: Shooting, guess: Array, steps: int = _STEPS, *, orbit: A
 
 def _segments(problem: Shooting, orbit: Any) -> tuple[Signature, Array] | None:
     """Return signature and coordinates of an orbit of a scene with the same modes and contacts; None of other ones."""
-    known = orbit._motion() if isinstance(orbit, PeriodicOrbit) and orbit.method == "shooting" else None
+    known = orbit.source.motion() if isinstance(orbit, PeriodicOrbit) and orbit.method == "shooting" else None
     if not isinstance(known, SignatureEvaluation):
         return None
     own, n = known.problem, known.problem.size

@@ -14,7 +14,7 @@ from vofem.errors import ConvergenceError
 #: Steps of Newton's method, halvings of one step, and the share by which the residual falls at least in a whole one.
 _STEPS, _HALVINGS, _FALLS = 40, 7, 0.1
 
-#: `Evaluation.error` at which equations count as solved.
+#: Error of an evaluation at which equations count as solved.
 TOLERANCE = 1e-13
 
 #: A residual that no longer shrinks counts as rounding below this.
@@ -42,9 +42,9 @@ def solved(
 ) -> Solved:
     """Return the orbit near a guess by Newton's method; the best one where rounding keeps it from its tolerance.
 
-    `evaluate`: returns the equations at some unknowns, an `Evaluation` with its Jacobian matrix, or raises
+    `evaluate`: returns the equations at some unknowns, an evaluation with its Jacobian matrix, or raises
     `ConvergenceError`.
-    `tolerance`: `Evaluation.error` that is small enough.
+    `tolerance`: error of an evaluation that is small enough.
     `known`: the evaluation at the guess.
     `step`: returns the next step from unknowns and their evaluation; by default that of Newton's method.
     `halvings`: how often a step may be halved so that the residual falls.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -32,13 +32,6 @@ _NEAR = 1e-2
 #: Nodes of the quadrature that gives harmonics, and panels in a period between corners of the motion.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _PANELS = 64
-
-
-class Unknown:
-    """Marks a value that is still to be computed."""
-
-
-UNKNOWN = Unknown()
 
 
 class OrbitMotion(Protocol):
@@ -75,82 +68,61 @@ class OrbitTruncation:
     error: float = float("nan")
 
 
+@dataclass(frozen=True)
+class OrbitSource:
+    """How a method gives what is computed only when an orbit is asked for it."""
+
+    scene: Callable[[], Scene]
+    motion: Callable[[], OrbitMotion]
+    result: Callable[[], Result]  #: The result over the whole orbit at `TIMES` equal times.
+    multipliers: Callable[[], Complex | None]  #: In any order; None if they are not known.
+    #: The distance of the largest multiplier from the unit circle below which stability is not decided. It is asked for
+    #: only if a multiplier is near the circle.
+    uncertainty: Callable[[], float] = lambda: DECIDED
+    stable: Callable[[], bool | None] | None = None  #: Whether the orbit is stable, if this is known already.
+
+
+@dataclass(eq=False, repr=False)
 class PeriodicOrbit(Shown):
     """A periodic orbit of a scene.
 
     A run can start from it: ``vofem.simulate(scene, t_end, initial=orbit)`` takes its state at t = 0 of the loads.
 
-    Parameters
+    Attributes
     ----------
-    scene : Scene, or callable that returns it
+    source : OrbitSource
+        How its motion and its multipliers are found.
     method : str
         "shooting" or "harmonic_balance".
     omega : float
         Angular frequency of the loads in rad/s; for a free oscillation its own angular frequency.
     periods : int
         Number of periods of the loads after which the orbit repeats.
-    multipliers : ndarray of complex, or callable that returns it, optional
-        Floquet multipliers over the whole orbit, in any order; None if they are not known.
     residual : float
         The error with which the orbit closes: the largest difference between the states at its two ends, divided by the
         size of the motion. Displacements and velocities are compared separately.
-    result : callable
-        Returns the `Result` over the whole orbit at `TIMES` equally spaced times. It is called once, when the result is
-        first needed.
-    truncation : OrbitTruncation, optional
-    notes : tuple of str
+    truncation : OrbitTruncation or None
+    notes : list of str
         Sentences about the orbit that a user should read.
-    unknowns : ndarray, optional
+    unknowns : ndarray or None
         The unknowns of the method, from which other problems can start.
     autonomous : bool
         True if no load determines the period. In that case one multiplier is always 1.
-    decided : callable, optional
-        Returns the distance from the unit circle below which stability is not decided. It is called only if a
-        multiplier is near the circle.
-    start : State, optional
+    start : State or None
         State over the free degrees of freedom at t = 0 of the loads.
-    stable : bool or None, optional
-        Whether the orbit is stable, if this is known already.
-    motion : callable
-        Returns the `OrbitMotion`.
-
-    Attributes
-    ----------
-    method, omega, periods, residual, truncation, notes, unknowns, start
-        As above.
     """
 
-    def __init__(
-        self,
-        scene: Scene | Callable[[], Scene],
-        method: str,
-        omega: float,
-        periods: int,
-        *,
-        multipliers: Complex | Callable[[], Complex | None] | None,
-        residual: float,
-        result: Callable[[], Result],
-        motion: Callable[[], OrbitMotion],
-        truncation: OrbitTruncation | None = None,
-        notes: tuple[str, ...] = (),
-        unknowns: Array | None = None,
-        autonomous: bool = False,
-        decided: Callable[[], float] | None = None,
-        start: State | None = None,
-        stable: bool | Unknown | None = UNKNOWN,
-    ) -> None:
-        self._scene, self.method = scene, method
-        self.omega, self.periods = float(omega), int(periods)
-        self._multipliers = multipliers
-        self.residual = float(residual)
-        self.truncation = truncation
-        self.notes = list(notes)
-        self.unknowns = unknowns
-        self.autonomous = autonomous
-        self._make, self._decided, self._motion = result, decided, motion
-        self.start = start
-        self._stable = stable
-        self._measured: tuple[Any, tuple[float, float]] | None = None
+    source: OrbitSource
+    method: str
+    omega: float
+    periods: int
+    residual: float
+    truncation: OrbitTruncation | None = None
+    notes: list[str] = field(default_factory=list)
+    unknowns: Array | None = None
+    autonomous: bool = False
+    start: State | None = None
+    _measured: tuple[Any, tuple[float, float]] | None = field(default=None, init=False)
 
     def __repr__(self) -> str:
         times = f" over {self.periods} periods of the loads" if self.periods > 1 else ""
@@ -165,7 +137,7 @@ class PeriodicOrbit(Shown):
     def multipliers(self) -> Complex | None:
         """Floquet multipliers by decreasing modulus; None if they are not known. Some are computed when first asked."""
         with one_thread:
-            found = self._multipliers() if callable(self._multipliers) else self._multipliers
+            found = self.source.multipliers()
         return None if found is None else by_modulus(found)
 
     @property
@@ -173,6 +145,8 @@ class PeriodicOrbit(Shown):
         """A sentence about the stability."""
         if self.grazes:
             return f"at a grazing of contact {self.grazes!r}, stability undecided"
+        if self.multipliers is None and not any("stability" in note for note in self.notes):
+            return "stability not decided: no exact orbit lies within the error of the harmonics, as beside a fold"
         return {True: "stable", False: "unstable", None: "stability not decided"}[self.stable]
 
     @cached_property
@@ -185,12 +159,12 @@ class PeriodicOrbit(Shown):
         laws = self.scene.model.system.contacts
         if laws is None or not np.any(laws.jump & (laws.gap != 0.0)):
             return ""
-        return self._motion().grazes
+        return self.source.motion().grazes
 
     @property
     def scene(self) -> Scene:
         """The scene. For an orbit from a file it is read when it is first needed."""
-        return self._scene if isinstance(self._scene, Scene) else self._scene()
+        return self.source.scene()
 
     @property
     def period(self) -> float:
@@ -205,11 +179,9 @@ class PeriodicOrbit(Shown):
         orbit is near, or if the orbit `grazes` a contact, or if the largest multiplier lies on the unit circle within
         its error. This error is rounding, and for laws that shooting does not take that of the harmonics left out.
         """
-        if not isinstance(self._stable, Unknown):
-            return self._stable
-        if self.grazes:
-            return None
-        if self.multipliers is None:
+        if self.source.stable is not None:
+            return self.source.stable()
+        if self.grazes or self.multipliers is None:
             return None
         size = np.abs(self.multipliers)
         if self.autonomous and size.size:
@@ -218,14 +190,14 @@ class PeriodicOrbit(Shown):
         if abs(most - 1.0) > _NEAR and self.method == "shooting":
             return most < 1.0
         with one_thread:
-            margin = DECIDED if self._decided is None else self._decided()
+            margin = self.source.uncertainty()
         return None if abs(most - 1.0) <= margin else most < 1.0
 
     @cached_property
     def result(self) -> Result:
         """The `Result` over the whole orbit: 1001 equal times, both ends included, from t = 0 of the loads on."""
         with one_thread:
-            return self._make()
+            return self.source.result()
 
     # -- as the start of a run ------------------------------------------------------------------------
 
@@ -269,7 +241,7 @@ class PeriodicOrbit(Shown):
         # Tables and pictures of a branch ask for one point again and again.
         if self._measured is None or self._measured[0] is not point:
             row = rows_over(self.scene.model, self.scene.bodies, [point]).toarray()[0]
-            self._measured = point, self._motion().range_of(row)
+            self._measured = point, self.source.motion().range_of(row)
         return self._measured[1]
 
     def amplitude(self, point: Any) -> float:

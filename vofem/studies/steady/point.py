@@ -12,7 +12,7 @@ from vofem.studies.steady.family import Family
 from vofem.studies.steady.newton import direction, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
 
-#: `Evaluation.error` at which a point counts as solved; Newton's last step makes it smaller still.
+#: Error of an evaluation at which a point counts as solved; Newton's last step makes it smaller still.
 TOLERANCE = 1e-12
 
 #: Evaluations at a point, and by how much the residual may grow in the first of them.
@@ -23,9 +23,6 @@ _DIFFERENCE, _LEAST = 1e-8, 1e-9
 
 #: Factor by which the residual falls in a step at least where the derivative with respect to the parameter is good.
 _SLOW = 0.02
-
-#: Number of switches above which derivatives are taken along known states at the switches, so that changes do not grow.
-_MANY = 16
 
 #: Change of the parameter, as a share of a step, above which it is used to compute the derivative.
 _TELLING = 1e-2
@@ -38,13 +35,9 @@ class OriginChart:
     #: Whether orbits are divided into segments, whose switches are watched.
     segmented = False
 
-    def evaluate(self, problem: Any, y: Array, *, derivative: bool = True, nodes: None = None) -> Any:
+    def evaluate(self, problem: Any, y: Array, *, derivative: bool = True) -> Any:
         """Return the equations."""
         return problem.evaluate(y, derivative=derivative)
-
-    def nodes(self, evaluation: Any, moved: Array | None = None) -> None:
-        """Return nothing: an orbit is not divided into segments."""
-        return
 
     def scales(self, problem: Any, evaluation: Any) -> Array:
         """Return sizes of the unknowns: those of the motion."""
@@ -74,7 +67,7 @@ class Point:
     chart : OriginChart or Signature
     y : ndarray, shape (n + 1,)
     problem : OrbitProblem
-    evaluation : Evaluation
+    evaluation : evaluation of the equations, see `problem`
     scales : ndarray, shape (n + 1,)
     by_value : ndarray, shape (n,)
         Derivative of the residual with respect to the parameter.
@@ -115,8 +108,7 @@ def derivative_by_value(family: Family, chart: Any, y: Array, evaluation: Any) -
     step = max(_DIFFERENCE * family.interval.size, _LEAST * abs(value))
     beside = y.copy()
     beside[-1] += -step if value > 0.5 * (family.interval.start + family.interval.stop) else step
-    nodes = chart.nodes(evaluation) if len(getattr(chart, "switches", ())) > _MANY else None
-    moved = chart.evaluate(family.of(beside), y[:-1], derivative=False, nodes=nodes)
+    moved = chart.evaluate(family.of(beside), y[:-1], derivative=False)
     return np.asarray((moved.residual - evaluation.residual) / (beside[-1] - value))
 
 
@@ -127,17 +119,16 @@ class _OnPlane:
     """
 
     def __init__(
-        self, family: Family, chart: Any, guess: Array, scales: Array, normal: Array, by_value: Array,
-        nodes: Array | None, renewed: bool,
-    ) -> None:  # fmt: skip
+        self, family: Family, chart: Any, guess: Array, scales: Array, normal: Array, by_value: Array, renewed: bool
+    ) -> None:
         self.family, self.chart, self.guess, self.scales, self.normal = family, chart, guess, scales, normal
-        self.by_value, self.nodes, self.renewed = by_value, nodes, renewed
+        self.by_value, self.renewed = by_value, renewed
         self._before: Any = None
         self._moved, self._steps = np.zeros_like(guess), 0
 
     def evaluate(self, y: Array) -> Any:
         """Return the equations."""
-        return self.chart.evaluate(self.family.of(y), y[:-1], nodes=self.nodes)
+        return self.chart.evaluate(self.family.of(y), y[:-1])
 
     def improve(self, now: Any) -> None:
         """Take the derivative by the parameter that explains the last step, where the parameter moved enough in it."""
@@ -159,8 +150,6 @@ class _OnPlane:
         matrix[-1] = self.normal
         right = np.append(now.residual, self.normal @ ((y - self.guess) / self.scales))
         self._before, self._moved, self._steps = now, -direction(matrix, right) * self.scales, self._steps + 1
-        if self.nodes is not None:
-            self.nodes = self.chart.nodes(now, self._moved[:-1])
         return self._moved
 
 
@@ -173,7 +162,6 @@ def corrected(
     by_value: Array,
     steps: int = _STEPS,
     tolerance: float = TOLERANCE,
-    nodes: Array | None = None,
     renewed: bool = False,
 ) -> tuple[Array, Any, Array]:
     """Return an orbit near a guess, on the plane through it with a normal: `y` (n + 1,), evaluation, `by_value` (n,).
@@ -183,13 +171,12 @@ def corrected(
     `by_value` (shape (n,)): approximate derivative of the residual with respect to the parameter. It is improved in the
     iteration.
     `steps`: largest number of evaluations.
-    `tolerance`: value of `Evaluation.error` that is small enough. If it is below rounding, the best point is returned.
-    `nodes`: approximate states at the switches.
+    `tolerance`: error of an evaluation that is small enough. If it is below rounding, the best point is returned.
     `renewed`: whether the derivative with respect to the parameter is computed anew where the iteration is slow.
     Raises `ConvergenceError`.
     """
     normal = level(guess.size) if normal is None else normal
-    plane = _OnPlane(family, chart, guess, scales, normal, by_value, nodes, renewed)
+    plane = _OnPlane(family, chart, guess, scales, normal, by_value, renewed)
     found = solved(plane.evaluate, guess, steps - 1, tolerance=tolerance, step=plane.step, halvings=0, growth=_GROWTH)
     plane.improve(found.evaluation)
     now = found.evaluation

@@ -1,20 +1,20 @@
 """The interface of methods for periodic orbits, so that one code follows branches with all methods.
 
 A method (shooting, harmonic balance) describes the orbits of one scene as the
-roots of as many equations as unknowns: `OrbitProblem`. A branch needs the same
-problem at other values of a parameter: `family.Family`. Derivatives with respect
-to the parameter are taken by differences of residuals, so that a scene may
-depend on it in any way.
+roots of as many equations as unknowns: `OrbitProblem`. An evaluation of these
+equations has a `residual` (n,), its derivative `jacobian` (n, n) where it was
+requested, the size `error` of the residual over that of the motion, and Floquet
+`multipliers`, None if they are not known. A branch needs the same problem at
+other values of a parameter: `family.Family`. Derivatives with respect to the
+parameter are taken by differences of residuals, so that a scene may depend on it
+in any way.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Any, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from vofem.arrays import Array
 from vofem.scene import Scene
@@ -35,26 +35,6 @@ class Work:
 
 #: Relative change of a solution below which it repeats before its end.
 _REPEATS = 1e-7
-
-
-class Evaluation(Protocol):
-    """The equations at one set of unknowns."""
-
-    @property
-    def residual(self) -> Array:
-        """Residual of the equations, shape (n,)."""
-
-    @property
-    def jacobian(self) -> Array:
-        """Derivative of the residual with respect to the unknowns, shape (n, n); only if it was requested."""
-
-    @property
-    def error(self) -> float:
-        """Size of the residual over that of the motion: the value of `PeriodicOrbit.residual`."""
-
-    @property
-    def multipliers(self) -> NDArray[np.complex128] | None:
-        """Floquet multipliers by decreasing modulus; None if the method does not compute them."""
 
 
 class OrbitProblem(ABC):

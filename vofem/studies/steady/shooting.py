@@ -24,7 +24,7 @@ from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.plan import Plan, run_plan
 from vofem.studies.steady.condensed import Condensed, condensable, condensed, condensed_result, first_count
-from vofem.studies.steady.orbit import TIMES, PeriodicOrbit
+from vofem.studies.steady.orbit import TIMES, OrbitSource, PeriodicOrbit
 from vofem.studies.steady.problem import OrbitProblem, Work
 from vofem.system import OPEN, State, System
 
@@ -219,20 +219,22 @@ class Shooting(OrbitProblem):
         scene, duration, few, change = self.scene, self.duration, self.condensed, self.change
         state, kept = self.state(unknowns), None if few is None else few.truncation(duration, change)
         return PeriodicOrbit(
-            scene,
+            OrbitSource(
+                scene=lambda: scene,
+                motion=lambda: evaluation,
+                result=lambda: orbit_result(scene, state, duration, few, change),
+                multipliers=lambda: evaluation.multipliers,
+                uncertainty=decided,
+            ),
             "shooting",
             self.loads.omega,
             self.periods,
-            multipliers=evaluation.multipliers,
             residual=evaluation.closing,
-            result=lambda: orbit_result(scene, state, duration, few, change),
             truncation=kept,
-            notes=() if kept is None else (kept.what,),
+            notes=[] if kept is None else [kept.what],
             unknowns=np.array(unknowns),
-            start=state,
-            decided=decided,
-            motion=lambda: evaluation,
             autonomous=autonomous,
+            start=state,
         )
 
     def change_after(self, count: int, unknowns: Array, evaluation: Any) -> float:

@@ -350,65 +350,37 @@ class Signature:
 
     # -- equations ------------------------------------------------------------------------------------
 
-    def evaluate(
-        self, problem: Shooting, y: Array, *, derivative: bool = True, nodes: Array | None = None
-    ) -> SignatureEvaluation:
-        """Return the equations.
-
-        `nodes` (shape (k, 2n)): approximate modal states at the switches. Each segment then begins at its node, and the
-        residual is that of the motion without the differences, to first order. Newton's method converges from farther
-        away with them.
-        Raises `ConvergenceError` if the motion cannot be followed.
-        """
+    def evaluate(self, problem: Shooting, y: Array, *, derivative: bool = True) -> SignatureEvaluation:
+        """Return the equations; raise `ConvergenceError` if the motion cannot be followed."""
         n, k = problem.size, len(self.switches)
         omega, lengths = problem.loads.omega, self.lengths(y)
         if not np.all(np.isfinite(y)) or np.any(lengths < -0.5 * self.turn):
             raise ConvergenceError("the iteration diverged: an unknown has no bound")
-        columns, lengthen, own = None, None, n + k if derivative else 0
-        if derivative or nodes is not None:
-            columns = np.zeros((n, own + (nodes is not None)))
-            lengthen = np.zeros((k + 1, columns.shape[1]))
-        if derivative and columns is not None and lengthen is not None:
+        columns, lengthen = None, None
+        if derivative:
+            columns, lengthen = np.zeros((n, n + k)), np.zeros((k + 1, n + k))
             columns[:, :n] = problem.modal(np.eye(n))
-            lengthen[:k, n:own] = np.eye(k) / omega
-            lengthen[k, n:own] = -1.0 / omega
+            lengthen[:k, n:] = np.eye(k) / omega
+            lengthen[k, n:] = -1.0 / omega
         problem.work.flows += derivative
         path = problem.course.along(
-            self.anchor / omega, problem.modal(y[:n]), self.statuses, lengths / omega, columns, lengthen, nodes,
-            struck=self.struck, every=columns is not None and (nodes is not None or self._releases),
+            self.anchor / omega, problem.modal(y[:n]), self.statuses, lengths / omega, columns, lengthen,
+            struck=self.struck, every=derivative and self._releases,
         )  # fmt: skip
         closing = problem.unmodal(path.ends[-1]) - y[:n]
         residual, jacobian = np.empty(n + k), np.empty((n + k, n + k) if derivative else (0, 0))
-        error = 0.0
-        if nodes is not None:
-            closing = closing + problem.unmodal(path.columns[:, -1])
-            apart = path.ends[:-1] - nodes
-            error = max((relative(one, path.sizes) for one in apart), default=0.0)
         residual[:n] = closing
         if derivative:
-            jacobian[:n] = problem.unmodal(path.columns[:, :own])
+            jacobian[:n] = problem.unmodal(path.columns)
             jacobian[:n, :n] -= np.eye(n)
-        error = max(error, relative(closing, path.sizes))
+        error = relative(closing, path.sizes)
         if k:
             values, rows, sizes = self._switching(problem, path)
-            if nodes is not None:
-                values = values + rows[:, -1]
             residual[n:] = values / sizes
             error = max(error, float(np.abs(residual[n:]).max()))
             if derivative:
-                jacobian[n:] = rows[:, :own] / sizes[:, None]
+                jacobian[n:] = rows / sizes[:, None]
         return SignatureEvaluation(self, problem, y.copy(), path, residual, jacobian, error, path.sizes)
-
-    def nodes(self, evaluation: SignatureEvaluation, moved: Array | None = None) -> Array:
-        """Return the modal states at the switches, after a change of the unknowns where one is given, shape (k, 2n)."""
-        path, k = evaluation.path, len(self.switches)
-        found = path.ends[:k].copy()
-        if moved is not None:
-            columns = path.all_columns[:k]
-            found += columns[:, :, : moved.size] @ moved
-            if columns.shape[2] > moved.size:
-                found += columns[:, :, -1]
-        return found
 
     def smooth(self, problem: Shooting) -> bool:
         """Return whether the motion has a continuous derivative through all switches."""

@@ -24,7 +24,7 @@ from vofem.studies.steady.point import Point, corrected, derivative_by_value, po
 from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Signature, Switch
 from vofem.system import CLOSED, OPEN, PINNED
 
-#: `Evaluation.error` of a grazing: as small as rounding allows.
+#: Error of an evaluation of a grazing: as small as rounding allows.
 _EXACT = 1e-16
 
 #: Length in rad of a touch or stick that has just begun, and of several touches which begin at once, whose equations
