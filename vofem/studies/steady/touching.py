@@ -178,9 +178,10 @@ def _lowest(family: Family, now: Point, after: Point) -> float | None:
         x = np.array([pull / a, s0 / pull])
     x = np.where((x > 0.0) & (x < 1.0), x, 0.0)
     low = v0 + x * (s0 + x * (b + x * a / 3.0)) - _CLEAR * np.minimum(v0, v1)
-    low[(x == 0.0) | (np.minimum(v0, v1) <= AT_ONCE)] = np.inf
+    # What is zero at the second neighbour, where a touch ends, may have been negative before.
+    low[(x == 0.0) | (v0 <= AT_ONCE)] = np.inf
     worst = np.unravel_index(low.argmin(), low.shape)
-    return float(x[worst]) if low[worst] < 0.0 else None
+    return float(x[worst]) if low[worst] < (-AT_ONCE if v1[worst[1]] <= AT_ONCE else 0.0) else None
 
 
 def _first(family: Family, now: Point, after: Point, changes: list[_Change]) -> Passage:
@@ -228,7 +229,8 @@ def ending(family: Family, now: Point) -> Passage | None:
     away = float(np.linalg.norm((found.before.y - now.y) / now.scales))
     if found.after is None or away > 10.0 * _NEARLY or abs(found.at.value - now.value) > _NEARLY * family.interval.size:
         raise ConvergenceError("a change of contact was found elsewhere")
-    return found
+    hidden = _hidden(family, now, found.before)
+    return found if hidden is None else _first(family, now, *hidden)
 
 
 # -- what is watched ----------------------------------------------------------------------------------
