@@ -9,7 +9,7 @@ structure, not of the load.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -172,7 +172,7 @@ class StepLoads:
         count, waves, known = moments.shape[1], self._waves[k], 0
         self.counters.load_evaluations += count
         if waves is not None:
-            known = int(np.clip(np.floor(self.until / dt + 1e-9) - first, 0, count))
+            known = min(max(int(self.until / dt + 1e-9) - first, 0), count)
             moments[:, :known] = _over_steps(waves, first, known, dt)
         if known < count:
             edges = np.arange(first + known, first + count + 1, dtype=float) * dt
@@ -283,13 +283,19 @@ def _over_steps(waves: Piece, first: int, count: int, dt: float) -> Array:
     moments[0] = waves.constant
     begins = np.arange(first // _TURNED, -(-(first + count) // _TURNED)) * _TURNED
     for omega, amplitude in waves.harmonics:
-        phase = amplitude * np.exp(1j * omega * ((begins + 0.5) * dt))
-        turned = np.outer(phase, np.exp(1j * omega * (np.arange(_TURNED) * dt))).ravel()[first % _TURNED :][:count]
-        m0, m1, m2 = wave(np.array(0.5 * omega * dt))
+        later, (m0, m1, m2) = _turn(omega, dt)
+        turned = np.outer(amplitude * np.exp(1j * omega * ((begins + 0.5) * dt)), later).ravel()
+        turned = turned[first % _TURNED :][:count]
         moments[0] += m0 * turned.real
         moments[1] -= m1 * turned.imag
         moments[2] += m2 * turned.real
     return moments
+
+
+@lru_cache(maxsize=64)
+def _turn(omega: float, dt: float) -> tuple[NDArray[np.complex128], list[float]]:
+    """Return the turns of a phase over some steps, shape (_TURNED,), and the moments of a wave over a step."""
+    return np.exp(1j * omega * (np.arange(_TURNED) * dt)), [float(m) for m in wave(np.array(0.5 * omega * dt))]
 
 
 @cache
