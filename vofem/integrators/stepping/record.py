@@ -172,7 +172,7 @@ class Record:
         n, histories = structure.system.size, structure.system.histories
         self.times = np.sort(np.concatenate([times, further[~np.isin(further, times)]]))
         self.wanted, self.checked = np.isin(self.times, times), np.isin(self.times, further)
-        self.q, self.v, self.a = np.full((3, self.times.size, n), np.nan)
+        self.q, self.v, self.a = np.empty((3, self.times.size, n))
         self.work, self.dissipated = np.zeros((2, self.times.size))
         self.histories, self.past = np.zeros((3, histories, self.times.size)), laws.state.copy()
         self.cursor, self.contact_checks, self.total, self.most = 0, table, np.zeros(2 + pots), 0.0
@@ -295,6 +295,7 @@ class Record:
         if not self.histories.shape[1]:
             return
         if laws.state.size:
+            assert self._structure.rows is not None
             u = np.asarray(self._structure.rows @ self.q[begin:end].T)
             _along(laws, path.chunk.past[row - 1], u, self.histories[:, :, begin:end])
             last = np.flatnonzero(self.wanted[begin:end])
