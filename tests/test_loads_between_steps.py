@@ -179,3 +179,16 @@ def test_what_was_given_in_hertz_stays_in_hertz(tmp_path):
         assert plot.phase_portrait(orbit, one.bodies[0]).get_title().endswith("1.5 Hz")
     with pytest.raises(vf.ArgumentError, match=r"1\.5 Hz"):
         vf.periodic(vf.Scene([m], [*scene.effects, vf.PointLoad(m, vf.Sine(1.0, frequency=2.0**0.5))]))
+
+
+@pytest.mark.parametrize("method", ["central_difference", "energy_conserving"])
+def test_digits_do_not_depend_on_how_steps_fall_into_chunks(method, monkeypatch):
+    mass = vf.Mass(1.0, stiffness=2.0, damping=0.1)
+    scene = vf.Scene([mass], [vf.PointLoad(mass, 2 * vf.Sine(1.0, 3.1, 0.3) + 0.5)])
+    runs = []
+    for steps, chunk in ((300, 16384), (400, 16384), (400, 7)):
+        monkeypatch.setattr("vofem.integrators.stepping.equal._MOST_STEPS", chunk)
+        times = 0.37 * np.arange(290.0)
+        runs.append(vf.simulate(scene, t_end=0.37 * steps, dt=0.37, method=method, times=times).displacement(mass))
+    assert np.array_equal(runs[0], runs[1])
+    assert np.array_equal(runs[1], runs[2])

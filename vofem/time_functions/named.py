@@ -74,11 +74,8 @@ class Sine(TimeFunction):
 
     def smooth_moments(self, left: Array, right: Array, width: float) -> Array:
         """Return the moments in closed form."""
-        angle, length = self.omega * (0.5 * (left + right)) + self.phase, right - left
-        if length.size and np.ptp(length) <= 4.0 * np.spacing(max(abs(left[0]), abs(right[-1]))):
-            # Equal but for the rounding of the times.
-            length = length.mean()
-        m0, m1, m2 = self.amplitude * np.array(wave(0.5 * self.omega * length))
+        angle = self.omega * (0.5 * (left + right)) + self.phase
+        m0, m1, m2 = self.amplitude * np.array(wave(0.5 * self.omega * (right - left)))
         sine, cosine = np.sin(angle), np.cos(angle)
         return np.stack([m0 * sine, m1 * cosine, m2 * sine])
 

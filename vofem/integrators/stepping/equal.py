@@ -15,8 +15,8 @@ from vofem.integrators.stepping.structure import Structure, products
 from vofem.kernels.mode import compiled
 from vofem.system import Counters, State
 
-#: Entries of states that one call of a kernel advances: some milliseconds of work.
-_CHUNK_WORK = 400_000
+#: Entries of states that one call of a kernel advances: some ten milliseconds of work.
+_CHUNK_WORK = 800_000
 
 #: The same in plain Python.
 _PLAIN_WORK = 10_000
@@ -73,10 +73,10 @@ class EqualSteps(Run):
             forcing = self.moments(self.over.steps(first, count, dt), dt)
         else:
             nodes = self._nodal(first, count)
-            b = 1.0 - scheme.alpha_f
-            values, means = b * nodes[1:] + (1.0 - b) * nodes[:-1], 0.5 * (nodes[1:] + nodes[:-1])
-            forcing = Forcing(values, means, np.empty((0, self.vectors.shape[0])))
-            self.nodes = nodes[-1]
+            before, after, b = nodes[:, :-1], nodes[:, 1:], 1.0 - scheme.alpha_f
+            values, means = after if b == 1.0 else b * after + (1.0 - b) * before, 0.5 * (after + before)
+            forcing = Forcing(values.T, means.T, np.empty((0, self.vectors.shape[0])))
+            self.nodes = nodes[:, -1].copy()
         with self.kicked(path):
             if self.sliders is not None and self.sliders.chosen:
                 solves = self.taken = self.sliders.steps(self, path, dt, t, forcing, cut=True)
@@ -86,7 +86,7 @@ class EqualSteps(Run):
                 if self.taken:
                     self.enter(path, dt, t[: self.taken], forcing.part(0, self.taken))
         if self.taken and scheme.explicit:
-            self.load = nodes[self.taken] @ self.size(dt).loads
+            self.load = nodes[:, self.taken] @ self.size(dt).loads
         self.done += self.taken
         self.take(out)
         self.solves += max(solves, 0)
@@ -97,14 +97,15 @@ class EqualSteps(Run):
             raise self.lost(f"found no solution of the step from t = {t_lost:g} s at dt = {dt:g} s", "reduce dt")
 
     def _nodal(self, first: int, count: int) -> Array:
-        """Return what stands for the loads' values at the ends of steps, shape (count + 1, 2 n_loads)."""
+        """Return what stands for the loads' values at the ends of steps, shape (2 n_loads, count + 1)."""
         begin = 0 if self.nodes is None else 1
-        mean, second = self.over.nodal(first + begin, count + 1 - begin, self.dt)
-        values = np.concatenate([mean, -0.5 * self.dt**2 * second]).T
+        values = self.over.nodal(first + begin, count + 1 - begin, self.dt)
+        values[1] *= -0.5 * self.dt**2
+        values = values.reshape(2 * self.vectors.shape[0], values.shape[2])
         if self.nodes is not None:
-            values = np.vstack([self.nodes, values])
+            values = np.column_stack([self.nodes, values])
         if first == 0 and not self.scheme.explicit:
-            values[0, : self.at_start.size] = self.at_start
+            values[: self.at_start.size, 0] = self.at_start
         return values
 
     @contextmanager

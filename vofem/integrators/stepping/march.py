@@ -8,7 +8,6 @@ from vofem.arrays import Array, IntArray
 from vofem.integrators.base import Energies, ProbeRows, Samples, SpringSamples
 from vofem.integrators.observer import Observer, Snapshot, advanced, interruption
 from vofem.integrators.stepped import SteppedSolution
-from vofem.integrators.stepping.checks import check_times
 from vofem.integrators.stepping.energies import contact_energy, stored_energy, strain_energy
 from vofem.integrators.stepping.quality import Checked, quality_notes
 from vofem.integrators.stepping.record import Record
@@ -65,8 +64,7 @@ def march(
     counters.events = events.time.size
     first_energy += in_springs
     done = np.arange(out.cursor)
-    checked = done[np.isin(out.times[done], check_times(wanted_end, run.dt, system.size))]
-    times, samples, parts, _ = _outcome(run, out, checked)
+    times, samples, parts, _ = _outcome(run, out, done[out.checked[done]])
     found = Checked(times, samples, parts, out.contact_checks, missing)
     notes += quality_notes(system, run.method, found, events, first_energy, run.dt, wanted_end)
     points = None if probes is None else out.probe_samples(wanted_end * (1.0 + 1e-12))

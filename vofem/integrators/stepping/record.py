@@ -150,7 +150,8 @@ class Record:
     """What is recorded of a run: states at wanted times, points at every step, and the checks of the run.
 
     `times` (shape (n_times,)): times at which states are stored, s.
-    `wanted` (shape (n_times,)): times at which results are wanted; the others serve the checks of the run.
+    `wanted`, `checked` (shape (n_times,)): whether results are wanted at the times, and whether the checks of the run
+    look at them.
     `q`, `v`, `a` (shape (n_times, n)): in band order.
     `work`, `dissipated` (shape (n_times,)): totals, J.
     `histories` (shape (3, n_laws, n_times)): force, stored energy and loss of the hysteretic laws and, last, of the
@@ -169,14 +170,11 @@ class Record:
         probes: ProbeRows | None,
     ) -> None:  # fmt: skip
         n, histories = structure.system.size, structure.system.histories
-        more = further[~np.isin(further, times)]
-        wanted = np.append(np.ones(times.size, dtype=bool), np.zeros(more.size, dtype=bool))
-        times = np.concatenate([times, more])
-        ordered = np.argsort(times, kind="stable")
-        self.times, self.wanted = times[ordered], wanted[ordered]
-        self.q, self.v, self.a = np.full((3, times.size, n), np.nan)
-        self.work, self.dissipated = np.zeros((2, times.size))
-        self.histories, self.past = np.zeros((3, histories, times.size)), laws.state.copy()
+        self.times = np.sort(np.concatenate([times, further[~np.isin(further, times)]]))
+        self.wanted, self.checked = np.isin(self.times, times), np.isin(self.times, further)
+        self.q, self.v, self.a = np.empty((3, self.times.size, n))
+        self.work, self.dissipated = np.zeros((2, self.times.size))
+        self.histories, self.past = np.zeros((3, histories, self.times.size)), laws.state.copy()
         self.cursor, self.contact_checks, self.total, self.most = 0, table, np.zeros(2 + pots), 0.0
         self.points: list[Array] = []
         self._begun, self._laws, self._structure = False, laws, structure
@@ -231,15 +229,16 @@ class Record:
             states = (chunk.q[first : last + 1], chunk.v[first : last + 1], now)
             self.points.append(np.vstack([path.t[None, first : last + 1], *(self._points @ x.T for x in states)]))
         check_contacts(self.contact_checks, chunk.u, self._rates(chunk, path.t, last), path.dt, first, last)
-        totals = np.column_stack([path.work, path.dissipated, path.absorbed])[: last + 1]
+        rows = slice(last + 1)
+        totals = np.vstack([path.work[rows], path.dissipated[rows], path.absorbed[rows].T])
         if begun:
-            totals[0] = self.total
-        totals = np.cumsum(totals, axis=0)
+            totals[:, 0] = self.total
+        np.cumsum(totals, axis=1, out=totals)
         if not begun:
             self._store_start(path, _accelerations(path, np.zeros(1, dtype=np.int64))[0][0] if means else path.out[0])
         self._store(path, last, totals, means)
-        self.total, self._begun = totals[-1].copy(), True
-        self.most = max(self.most, float(np.max(np.abs(totals[:, 0]) + np.abs(totals[:, 1]))))
+        self.total, self._begun = totals[:, -1].copy(), True
+        self.most = max(self.most, float(np.abs(totals[:2]).sum(axis=0).max()))
         path.keep(last)
 
     def _rates(self, chunk: Chunk, t: Array, last: int) -> Array:
@@ -286,8 +285,8 @@ class Record:
             )  # fmt: skip
             self.q[begin + inside], self.v[begin + inside], self.a[begin + inside] = q, v, a
         for k, name in enumerate(("work", "dissipated")):
-            getattr(self, name)[begin:end] = x * totals[row, k] + (1.0 - x) * totals[row - 1, k]
-        self._histories(path, begin, end, row, x, totals[:, 2:])
+            getattr(self, name)[begin:end] = x * totals[k, row] + (1.0 - x) * totals[k, row - 1]
+        self._histories(path, begin, end, row, x, totals[2:].T)
         self.cursor = end
 
     def _histories(self, path: Path, begin: int, end: int, row: IntArray, x: Array, work: Array) -> None:
@@ -296,6 +295,7 @@ class Record:
         if not self.histories.shape[1]:
             return
         if laws.state.size:
+            assert self._structure.rows is not None
             u = np.asarray(self._structure.rows @ self.q[begin:end].T)
             _along(laws, path.chunk.past[row - 1], u, self.histories[:, :, begin:end])
             last = np.flatnonzero(self.wanted[begin:end])

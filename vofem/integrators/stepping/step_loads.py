@@ -9,7 +9,7 @@ structure, not of the load.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from vofem.arrays import Array
 from vofem.integrators.sampled_loads import FEWEST_SAMPLES, loads_by_values
 from vofem.system import Counters, LoadFunction, System
-from vofem.time_functions import carried
+from vofem.time_functions import Piece, carried
+from vofem.time_functions.moments import wave
 
 #: Equal parts of a step, from whose moments those of half steps and the load within the step are found.
 PARTS = 16
@@ -33,6 +34,9 @@ _SAME = 1e-4
 
 #: Phase in rad by which motion may be late before there is a note.
 _OFF = 0.02
+
+#: Equal steps whose phases of a sine follow from that of the first of them.
+_TURNED = 128
 
 #: Steps at most in a run whose step was chosen to follow the loads.
 _MOST = 10_000
@@ -113,13 +117,13 @@ class StepLoads:
     def __init__(self, system: System, counters: Counters, until: float) -> None:
         self.functions = [load.function for load in system.loads]
         self.counters, self.until = counters, until
+        self._waves = [_waves(function, until) for function in self.functions]
 
-    def moments(self, left: Array, right: Array, of: NDArray[np.bool_] | None = None) -> Array:
-        """Return the moments of loads, by default of all, over steps, shape (3, n_loads, n)."""
-        functions = self.functions if of is None else [self.functions[k] for k in np.flatnonzero(of)]
-        self.counters.load_evaluations += left.size * len(functions)
-        result = np.empty((3, len(functions), left.size))
-        for k, function in enumerate(functions):
+    def moments(self, left: Array, right: Array) -> Array:
+        """Return the moments of all loads over steps, shape (3, n_loads, n)."""
+        self.counters.load_evaluations += left.size * len(self.functions)
+        result = np.empty((3, len(self.functions), left.size))
+        for k, function in enumerate(self.functions):
             result[:, k] = self._of(function, left, right)
         return result
 
@@ -143,24 +147,36 @@ class StepLoads:
         """
         means = np.zeros((2, len(self.functions), count))
         slow = self._slow(dt)
-        # Slow loads enter by their values, as in the published equations of the methods.
-        for k in np.flatnonzero(slow).tolist():
-            times = np.minimum(np.arange(first, first + count, dtype=float) * dt, self.until)
-            means[0, k] = self.functions[k](times)
-            self.counters.load_evaluations += count
-        if not np.all(slow):
-            means[:, ~slow] = self._hats(first, count, dt, ~slow)
         for k, function in enumerate(self.functions):
+            if not slow[k]:
+                self._hats(k, first, dt, means[:, k])
+            else:
+                # Slow loads enter by their values, as in the published equations of the methods.
+                times = np.minimum(np.arange(first, first + count, dtype=float) * dt, self.until)
+                means[0, k] = function(times)
+                self.counters.load_evaluations += count
             if not function.closed_form and not function.breakpoints(self.until).size:
                 self._smooth_callable(function, first, dt, means[:, k])
         return means
 
     def steps(self, first: int, count: int, dt: float) -> Array:
         """Return the moments over equal steps, shape (3, n_loads, count); the means alone of loads that are slow."""
-        steps = np.arange(first, first + count, dtype=float)
-        result = self.moments(steps * dt, (steps + 1.0) * dt)
+        result = np.empty((3, len(self.functions), count))
+        for k in range(len(self.functions)):
+            self._equal(k, first, dt, result[:, k])
         result[1:, self._slow(dt)] = 0.0
         return result
+
+    def _equal(self, k: int, first: int, dt: float, moments: Array) -> None:
+        """Enter the moments of a load over equal steps, shape (3, count)."""
+        count, waves, known = moments.shape[1], self._waves[k], 0
+        self.counters.load_evaluations += count
+        if waves is not None:
+            known = min(max(int(self.until / dt + 1e-9) - first, 0), count)
+            moments[:, :known] = _over_steps(waves, first, known, dt)
+        if known < count:
+            edges = np.arange(first + known, first + count + 1, dtype=float) * dt
+            moments[:, known:] = self._of(self.functions[k], edges[:-1], edges[1:])
 
     def _slow(self, dt: float) -> NDArray[np.bool_]:
         """Return of each load whether its shape is known and it changes little in a step."""
@@ -195,16 +211,17 @@ class StepLoads:
         means[0, nodes[near] - first] = values[nodes[near] - begin]
         means[1, nodes[near] - first] = 0.0
 
-    def _hats(self, first: int, count: int, dt: float, of: NDArray[np.bool_]) -> Array:
-        """Return the means that `nodal` describes, of some loads."""
-        steps = np.arange(max(first - 1, 0), first + count, dtype=float)
-        m0, m1, m2 = self.moments(steps * dt, (steps + 1.0) * dt, of)
-        before, after = 0.5 * m0 + m1, 0.5 * m0 - m1
+    def _hats(self, k: int, first: int, dt: float, means: Array) -> None:
+        """Enter the means that `nodal` describes of a load, shape (2, count)."""
+        # At the start one side alone has half the weight.
+        begin, at = (0, 1) if first == 0 else (first - 1, 0)
+        m0, m1, m2 = moments = np.empty((3, first + means.shape[1] - begin))
+        self._equal(k, begin, dt, moments)
+        m0 *= 0.5
+        means[0, at:] = (m0 + m1)[:-1] + (m0 - m1)[1:]
+        means[1, at:] = 0.5 * (m2[:-1] + m2[1:])
         if first == 0:
-            # One side alone has half the weight.
-            before, after, m2 = (np.concatenate([part[:, :1], part], axis=1) for part in (before, after, m2))
-            before[:, 0] = after[:, 0]
-        return np.stack([before[:, :-1] + after[:, 1:], 0.5 * (m2[:, :-1] + m2[:, 1:])])
+            means[:, 0] = 2.0 * (m0[0] - m1[0]), m2[0]
 
     def start(self, dt: float) -> tuple[Array, Array]:
         """Return the loads' values at t = 0, and the mean over the first step beyond them, each of shape (n_loads,).
@@ -247,6 +264,38 @@ class StepLoads:
             if a < until:
                 moments[:, [k]] += carried(function.moments(a, until, width), 1.0 - share, -0.5 * share)
         return moments
+
+
+def _waves(function: LoadFunction, until: float) -> Piece | None:
+    """Return a function that is a sum of harmonics and a constant until a time in s; None where it is not."""
+    if not function.closed_form or function.breakpoints(until).size:
+        return None
+    piece: Piece = function.piece(0.0)  # type: ignore[attr-defined]
+    return None if piece.slope or piece.curvature or piece.jerk else piece
+
+
+def _over_steps(waves: Piece, first: int, count: int, dt: float) -> Array:
+    """Return the moments of a sum of harmonics over equal steps, shape (3, count).
+
+    Phases are those of the first of some steps, turned. Which ones these are does not depend on where a call begins.
+    """
+    moments = np.zeros((3, count))
+    moments[0] = waves.constant
+    begins = np.arange(first // _TURNED, -(-(first + count) // _TURNED)) * _TURNED
+    for omega, amplitude in waves.harmonics:
+        later, (m0, m1, m2) = _turn(omega, dt)
+        turned = np.outer(amplitude * np.exp(1j * omega * ((begins + 0.5) * dt)), later).ravel()
+        turned = turned[first % _TURNED :][:count]
+        moments[0] += m0 * turned.real
+        moments[1] -= m1 * turned.imag
+        moments[2] += m2 * turned.real
+    return moments
+
+
+@lru_cache(maxsize=64)
+def _turn(omega: float, dt: float) -> tuple[NDArray[np.complex128], list[float]]:
+    """Return the turns of a phase over some steps, shape (_TURNED,), and the moments of a wave over a step."""
+    return np.exp(1j * omega * (np.arange(_TURNED) * dt)), [float(m) for m in wave(np.array(0.5 * omega * dt))]
 
 
 @cache
