@@ -1,6 +1,8 @@
 """Samples of an event-driven run at many times at once: many oscillators at a time, and products of matrices."""
 
 import copy
+import gc
+import weakref
 
 import numpy as np
 import pytest
@@ -144,6 +146,12 @@ def test_samples_are_shared_while_a_result_holds_them(monkeypatch):
     again = copy.copy(result.solution)
     assert np.array_equal(again.contacts(times).force[2], force)
     assert len(calls) == 4
+    solution = result.solution
+    held = [weakref.ref(part) for part in (*solution.modal(times), *solution.pressed(times))]
+    assert len(calls) == 4
+    del result, force
+    gc.collect()
+    assert all(part() is None for part in held)
 
 
 def test_many_samples_of_few_degrees_of_freedom(monkeypatch):

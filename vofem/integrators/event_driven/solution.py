@@ -59,7 +59,7 @@ _ENERGY = 0.01
 #: Times whose energies are computed together.
 _ROWS = 1024
 
-#: Numbers of the last samples that are kept in modes.
+#: Numbers of the last samples that are kept.
 _MOST_KEPT = 20_000_000
 
 #: Number of times at which contacts that never close are checked.
@@ -90,6 +90,29 @@ def _evaluation(method: F) -> F:
     return call  # type: ignore[return-value]
 
 
+class _Last:
+    """Arrays over some times, those computed last; large ones only as long as others hold them."""
+
+    def __init__(self) -> None:
+        self._times = b""
+        self._parts: list[weakref.ref[NDArray[Any]]] = []
+        self._held: tuple[NDArray[Any], ...] | None = None
+
+    def at(self, times: Array) -> Any:
+        """Return the arrays at some times; None where they are not known."""
+        if self._times != times.tobytes():
+            return None
+        found = tuple(part() for part in self._parts)
+        return found if found and all(part is not None for part in found) else None
+
+    def keep(self, times: Array, parts: tuple[NDArray[Any], ...]) -> None:
+        """Take the place of the last ones."""
+        # A few times, as those of an energy at the start, do not take the place of many.
+        if times.size > 1 or not self._parts:
+            self._times, self._parts = times.tobytes(), [weakref.ref(part) for part in parts]
+            self._held = parts if sum(part.size for part in parts) <= _MOST_KEPT else None
+
+
 class EventSolution:
     """The run as a sequence of linear segments, each known in closed form."""
 
@@ -111,10 +134,8 @@ class EventSolution:
         self.given = self.system = system
         self.space = space
         self.was_cut = False
-        # The samples that were computed last, and whether they are kept here too.
-        self._sampled: tuple[Any, list[weakref.ref[Array]]] | None = None
-        self._kept: tuple[Array, Array] | None = None
-        self._pressed: tuple[bytes, tuple[Array, Array, Status]] | None = None
+        # What `modal` and `pressed` have returned last.
+        self._moved, self._pressed = _Last(), _Last()
         #: How the run was computed, and so how it is sampled.
         self.compiled = compiled()
         self.record = Record(space.size, space.contacts.shape[0])
@@ -132,7 +153,7 @@ class EventSolution:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the solution without its last samples, which can be computed again."""
-        return {**self.__dict__, "_sampled": None, "_kept": None, "_pressed": None}
+        return {**self.__dict__, "_moved": _Last(), "_pressed": _Last()}
 
     @classmethod
     def restored(
@@ -483,22 +504,10 @@ class EventSolution:
     def modal(self, times: Array) -> tuple[Array, Array]:
         """Return modal displacements and velocities at any times, each of shape (n, n_times).
 
-        The last samples are kept, because motion and energies are usually computed at the same times. If they take much
-        memory, they are used again only as long as a result holds them.
+        The last ones are kept, because motion and energies are usually computed at the same times.
         """
-        asked = times.tobytes()
-        if self._sampled is not None and self._sampled[0] == asked:
-            z, v = (part() for part in self._sampled[1])
-            if z is not None and v is not None:
-                return z, v
-        # In memory each row holds one time.
-        found = (np.empty((times.size, self.space.size)).T, np.empty((times.size, self.space.size)).T)
-        self._visit(times, found)
-        # A few times, as those of an energy at the start, do not take the place of many.
-        if times.size > 1 or self._sampled is None:
-            self._sampled = asked, [weakref.ref(part) for part in found]
-            self._kept = found if 2 * self.space.size * times.size <= _MOST_KEPT else None
-        return found
+        found = self._moved.at(times)
+        return self._both(times)[0] if found is None else found
 
     def moved(
         self, times: Array, segments: NDArray[np.int64] | None = None
@@ -534,8 +543,19 @@ class EventSolution:
 
         They are rows over the states of blocks, so that no modes are computed. The last ones are kept.
         """
-        known = self._pressed is not None and self._pressed[0] == times.tobytes()
-        return self._pressed[1] if known and self._pressed is not None else self._visit(times)
+        found = self._pressed.at(times)
+        return self._visit(times) if found is None else found
+
+    def _both(self, times: Array) -> tuple[tuple[Array, Array], tuple[Array, Array, Status]]:
+        """Return `modal` and `pressed`."""
+        modes, pressed = self._moved.at(times), self._pressed.at(times)
+        if modes is not None and pressed is not None:
+            return modes, pressed
+        # In memory each row holds one time.
+        modes = (np.empty((times.size, self.space.size)).T, np.empty((times.size, self.space.size)).T)
+        pressed = self._visit(times, modes)
+        self._moved.keep(times, modes)
+        return modes, pressed
 
     def _visit(self, times: Array, modes: tuple[Array, Array] | None = None) -> tuple[Array, Array, Status]:
         """Return `pressed`, and fill in modal displacements and velocities, each (n, n_times)."""
@@ -561,27 +581,24 @@ class EventSolution:
             if regime.sliding is not None:
                 number = np.arange(regime.sliding.sliders.first, len(laws))
                 held.append((number, mine, regime.sliding.forces @ flat(begins[own] + moved).T))
-        if laws is None:
-            return s, rates, np.zeros(s.shape, dtype=np.int64)
         if self.moving is not None:
             rates = rates + self.moving.rate(times)
-        status = self.status_at(times)
-        force = laws.force(s, rates, status)
+        status = np.zeros(s.shape, dtype=np.int64) if laws is None else self.status_at(times)
+        force = rates if laws is None else laws.force(s, rates, status)
         for number, mine, values in held:
             force[np.ix_(number, mine)] = values
-        # As in `modal`.
-        if times.size > 1 or self._pressed is None:
-            self._pressed = times.tobytes(), (s, force, status)
+        self._pressed.keep(times, (s, force, status))
         return s, force, status
 
     @_evaluation
     def sample(self, times: Array) -> ModalSamples:
         """Return the motion at any times; the acceleration is that of the equation of motion."""
-        z, v = self.modal(times)
-        return ModalSamples(self._shapes, z, v, lambda: self._acceleration(times, z, v))
+        (z, v), pressed = self._both(times)
+        # Samples hold the forces, which contacts and energies at the same times need too.
+        return ModalSamples(self._shapes, z, v, lambda: self._acceleration(times, z, v, pressed))
 
     @_evaluation
-    def _acceleration(self, times: Array, z: Array, v: Array) -> Array:
+    def _acceleration(self, times: Array, z: Array, v: Array, pressed: tuple[Array, Array, Status]) -> Array:
         space = self.space
         # A time is a row in memory, as in the samples.
         rows = -space.stiffness * z.T
@@ -592,7 +609,7 @@ class EventSolution:
         if self.load_functions:
             rows += np.column_stack([function(times) for function in self.load_functions]) @ self.load_vectors
         if self.system.contacts is not None:
-            rows -= self.pressed(times)[1].T @ space.contacts
+            rows -= pressed[1].T @ space.contacts
         return rows.T
 
     def contacts(self, times: Array) -> ContactSamples:
