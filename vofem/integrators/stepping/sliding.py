@@ -334,7 +334,8 @@ class Sliders:
             reverses = abs(next((t for t, i, _ in self.turns[::-1] if i == j), -1.0) - begin) <= _SHORT * h
             if time > 0.0 and not reverses:
                 self.turns.append((time, j, 1))
-        self.now = self.now._replace(status=status, share=self.share, released=status != status, balance=balance)
+        none = np.zeros(status.size, dtype=bool)
+        self.now = self.now._replace(status=status, share=self.share, released=none, balance=balance)
 
     def release(self, path: Path, t: float, which: int) -> None:
         """Let a slider break away at the end of the last step of a path, at a time in s."""
