@@ -3,7 +3,8 @@
 If the accelerations of the open and of the closed contact both point towards the gap, neither status can last, and
 events accumulate (a Filippov sliding state). A contact is pinned when an event finds ``a_open > 0 > a_closed`` and the
 predicted excursion ``v^2 / (2 min(a_open, -a_closed))`` below a fraction of its gap. The remaining normal velocity is
-removed along ``M^-1 b``. The contact is released when the reaction leaves its interval.
+removed along ``M^-1 b``; the accelerations are those of the motion without it. The contact is released when the
+reaction leaves its interval.
 """
 
 from __future__ import annotations
@@ -77,19 +78,20 @@ def should_pin(
         return False
     displacement, velocity = state
     row = space.contacts[contact]
-    speed = row @ velocity
     others = np.arange(len(laws)) != contact
+    held = space.contacts[(status == PINNED) & others]
+    direction = row
+    if held.shape[0]:
+        direction = row - held.T @ np.linalg.solve(held @ held.T, held @ row)
+    # The motion at rest decides: damping of the speed that is lost does not hold the contact.
+    speed = row @ velocity
+    velocity = velocity - direction * (speed / (row @ direction))
     closed = (status == CLOSED) & others
     rows = space.contacts[closed]
     force = laws.elastic(space.contacts @ displacement)[closed] + laws.damping[closed] * (rows @ velocity)
     push = load - space.stiffness * displacement - space.damping_force(velocity) - force @ rows
-    held = space.contacts[(status == PINNED) & others]
-    direction = row
     if held.shape[0]:
-        gram = held @ held.T
-        push = push - held.T @ np.linalg.solve(gram, held @ push)
-        direction = row - held.T @ np.linalg.solve(gram, held @ row)
+        push = push - held.T @ np.linalg.solve(held @ held.T, held @ push)
     opened = row @ push
-    closing = opened - (row @ direction) * (jump + laws.damping[contact] * speed)
-    weaker = min(opened, -closing)
+    weaker = min(opened, (row @ direction) * jump - opened)
     return bool(weaker > 0.0 and speed**2 < 2.0 * weaker * fraction * laws.gap[contact])

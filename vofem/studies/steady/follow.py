@@ -32,7 +32,7 @@ from vofem.studies.steady.point import (
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.signature import Signature
 from vofem.studies.steady.special import SpecialPoint, special_at
-from vofem.studies.steady.touching import Passage, ending, passage, what_contacts_do
+from vofem.studies.steady.touching import Passage, ending, passage, resting, what_contacts_do
 
 #: First, largest and least step in scaled coordinates.
 FIRST, LARGEST, LEAST = 0.01, 0.1, 1e-10
@@ -51,6 +51,9 @@ _CORNER, _SHORT = np.cos(np.radians(80.0)), 1e-4
 #: While an orbit is corrected the parameter is held where a fold is farther ahead than so many steps, and where the
 #: share of the parameter in the direction of the branch is at least so much.
 _FOLD, _LEVEL = 2.0, 1e-3
+
+#: Longest step in which touches may turn into a rest.
+_RESTING = 1e-3
 
 #: Distance in scaled coordinates within which a step may end at a grazing.
 _NEAR = 0.03
@@ -224,13 +227,15 @@ class Follower:
         return self._recentred(after), min(step * factor, self.largest)
 
     def _ending(self, now: Point, step: float) -> tuple[Point, float] | None:
-        """Pass a grazing ahead that no step reaches, because several touches end there at once."""
+        """Pass what no step reaches: a grazing at which several touches end, or touches that turn into a rest."""
         if not now.chart.segmented:
             return None
-        try:
+        passed = None
+        with contextlib.suppress(ConvergenceError, np.linalg.LinAlgError):
             passed = ending(self.family, now)
-        except (ConvergenceError, np.linalg.LinAlgError):
-            return None
+        if passed is None and step <= _RESTING:
+            with contextlib.suppress(ConvergenceError, np.linalg.LinAlgError):
+                passed = resting(self.family, now, now.y + step * now.tangent * now.scales)
         if passed is None or self.family.interval.beyond(passed.at.value) is not None:
             return None
         if step > _SHORT and self._before(now, passed)[1]:

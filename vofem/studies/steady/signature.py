@@ -524,7 +524,8 @@ class Signature:
             if [status for _, status in mine] == [status for _, status in seen]:
                 continue
             hit = contact in self.struck or any(e.contact == contact and e.before == e.after for e in flow.events)
-            if hit or _lasting(self.start[contact], mine) != _lasting(self.start[contact], seen):
+            rests = any(status == PINNED for _, status in (*mine, *seen))
+            if hit or rests or _lasting(self.start[contact], mine) != _lasting(self.start[contact], seen):
                 return False
         return True
 

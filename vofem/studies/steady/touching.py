@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,8 +21,9 @@ from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.flow import Flow
 from vofem.studies.steady.between import Step, point_between
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.point import Point, corrected, derivative_by_value, point_at, scales_of
-from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Signature, Switch
+from vofem.studies.steady.newton import solved
+from vofem.studies.steady.point import Point, corrected, derivative_by_value, level, point_at, scales_of
+from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Signature, Switch, signature_of
 from vofem.system import CLOSED, OPEN, PINNED
 
 #: Error of an evaluation of a grazing: as small as rounding allows.
@@ -66,6 +68,10 @@ _LOOKS = 4
 #: Distance of an extreme from its gap over the size of the motion, in terms of the step, up to which it may reach the
 #: gap inside the step; and a value inside, as a share of the smaller one at the ends, that leaves no doubt.
 _REACH, _CLEAR = 0.1, 0.2
+
+#: Distance in scaled coordinates of orbits that rest at a gap after different numbers of touches, least cosine of the
+#: angle between their branches, and how much the residual may grow in the first step of Newton's method between them.
+_RESTS, _STRAIGHT, _UNEVEN = 1e-4, 0.9, 100.0
 
 #: Step in scaled coordinates by which heights, speeds and reactions are differentiated.
 _DIFFERENCE = 1e-6
@@ -121,6 +127,11 @@ def passage(family: Family, now: Point, after: Point) -> Passage | None:
             )
     if changes:
         found = _first(family, now, after, changes)
+    return _earliest(family, now, after, found)
+
+
+def _earliest(family: Family, now: Point, after: Point, found: Passage | None) -> Passage | None:
+    """Return what is hidden before a change that was found, or before the second of two neighbours; else the change."""
     hidden = _hidden(family, now, after if found is None else found.before)
     return found if hidden is None else _first(family, now, *hidden)
 
@@ -229,8 +240,42 @@ def ending(family: Family, now: Point) -> Passage | None:
     away = float(np.linalg.norm((found.before.y - now.y) / now.scales))
     if found.after is None or away > 10.0 * _NEARLY or abs(found.at.value - now.value) > _NEARLY * family.interval.size:
         raise ConvergenceError("a change of contact was found elsewhere")
-    hidden = _hidden(family, now, found.before)
-    return found if hidden is None else _first(family, now, *hidden)
+    return _earliest(family, now, after, found)
+
+
+def resting(family: Family, now: Point, guess: Array) -> Passage | None:
+    """Return the orbit at a guess ahead with the switches of an ordinary run there, of which some are rests at a gap.
+
+    Under the displacement law touches become shorter without end, and a run lets a contact rest after some of them.
+    Where their number changes, the orbits on both sides differ by less than such a touch does. None where no contact
+    rests, where another contact touches, and where the orbit belongs to another branch.
+    """
+    chart, problem, n = now.chart, family.of(guess), now.problem.size
+    new, y, found = chart, guess[:-1], None
+    for _ in range(_MOST):
+        flow, old = new.flow(problem, y), new.switches
+        if found is not None and found.repeats(flow):
+            break
+        new, y = signature_of(problem, flow)
+        every = [chart.switches, new.switches]
+        rests = any(s.status == PINNED and _law(problem, s.contact) == "jump" for one in every for s in one)
+        touching = [{s.contact for s in one} for one in every]
+        if not rests or new.switches == old or touching[0] != touching[1]:
+            return None
+        found = solved(partial(new.evaluate, problem), y, growth=_UNEVEN).evaluation
+        y = found.y
+    else:
+        return None
+    inner = point_at(family, new, np.append(y, guess[-1]), level(y.size + 1, now.tangent[-1]), found)
+    scales = np.append(now.scales[:n], now.scales[-1])
+    ahead, beyond, away, own = (
+        np.append(x[:n], x[-1]) / scales
+        for x in (now.tangent * now.scales, inner.tangent * inner.scales, inner.y, guess)
+    )
+    along = float(ahead @ beyond) / float(np.linalg.norm(ahead) * np.linalg.norm(beyond))
+    if np.linalg.norm(away - own) > _RESTS or abs(along) < _STRAIGHT:
+        return None
+    return Passage(now, inner, inner if along > 0.0 else replace(inner, tangent=-inner.tangent), ())
 
 
 # -- what is watched ----------------------------------------------------------------------------------
