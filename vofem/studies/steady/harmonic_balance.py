@@ -448,7 +448,7 @@ class HarmonicBalance(OrbitProblem):
         """Return the Floquet multipliers of a motion."""
         rows = all_rows(self.groups)
         series = np.zeros((0, 1)) if rows is None else motion.along(rows)
-        tangents = [self.laws.tangent(j, series[j], self.omega) for j in range(self.laws.size)]
+        tangents = [self.laws.motion(j, series[j], self.omega) for j in range(self.laws.size)]
         return eigenvalues(monodromy(self.rest, self.law_modes, tangents, self.omega, self.harmonics))
 
     def change_after(self, count: int, unknowns: Array, evaluation: Any) -> float:
