@@ -37,15 +37,6 @@ _TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True)
-class LawForce:
-    """The force of one law along a periodic motion."""
-
-    force: Array  #: Fourier series of the force, N, shape (2K + 1,).
-    slope: Array | None  #: Derivative of `force` with respect to the series of the coordinate, shape (2K + 1, 2H + 1).
-    settled: bool = True  #: Whether internal variables repeat after a period.
-
-
-@dataclass(frozen=True)
 class LawMotion:
     """One law whose force does not depend on the past, along a periodic motion."""
 
@@ -58,18 +49,20 @@ class LawMotion:
     at: Callable[[Array], Array]
 
 
-@dataclass
-class _Integral:
-    """Fourier coefficients of a force as a sum over nodes."""
+class LawForce:
+    """The force of one law along a periodic motion, a sum over nodes.
 
-    harmonics: int
-    wanted: int
-    derivative: bool
+    `harmonics`, `wanted`: numbers of harmonics of the coordinate, H, and of the force, K.
+    `force` (shape (2K + 1,)): Fourier series of the force, N.
+    `slope` (shape (2K + 1, 2H + 1)): derivative of `force` with respect to the series of the coordinate.
+    `settled`: whether internal variables repeat after a period.
+    """
 
-    def __post_init__(self) -> None:
-        self.force = np.zeros(2 * self.wanted + 1)
-        self.slope = np.zeros((2 * self.wanted + 1, 2 * self.harmonics + 1))
-        self._norm = np.full(2 * self.wanted + 1, 1.0 / np.pi)
+    def __init__(self, harmonics: int, wanted: int, derivative: bool) -> None:
+        self.harmonics, self.wanted, self.derivative = harmonics, wanted, derivative
+        self.force, self.settled = np.zeros(2 * wanted + 1), True
+        self.slope = np.zeros((2 * wanted + 1, 2 * harmonics + 1))
+        self._norm = np.full(2 * wanted + 1, 1.0 / np.pi)
         self._norm[0] = 0.5 / np.pi
 
     def add(self, angles: Array, weights: Array, force: Array, slopes: Array | None) -> None:
@@ -112,15 +105,14 @@ class LawPaths:
         `omega`: angular frequency of the first harmonic in rad/s, which dampers need.
         `wanted`: number of harmonics of the force.
         """
-        total = _Integral(series.size // 2, wanted, derivative)
-        settled = True
+        total = LawForce(series.size // 2, wanted, derivative)
         if self.laws.laws[j].remembers:
-            settled = _with_past(self.laws.fresh(), j, series, total)
+            total.settled = _with_past(self.laws.fresh(), j, series, total)
         elif self.laws.kinks(j):
             _between_kinks(self.motion(j, series, omega), self.laws.kinks(j)[0], omega, series, total)
         else:
             _smooth(self.motion(j, series, omega), self.laws.laws[j].label, series, total)
-        return LawForce(total.force, total.slope if derivative else None, settled)
+        return total
 
     def with_past(self) -> str | None:
         """Return the label of the first law whose force depends on the past, or None."""
@@ -157,7 +149,7 @@ def panels(low: float, high: float, harmonics: int) -> tuple[Array, Array]:
     return (edges[:-1, None] + half * (1.0 + _NODES)).ravel(), (half * _WEIGHTS).ravel()
 
 
-def _smooth(law: LawMotion, label: str, series: Array, total: _Integral) -> None:
+def _smooth(law: LawMotion, label: str, series: Array, total: LawForce) -> None:
     """Sum over equal angles, which for smooth forces converges faster than any power."""
     harmonics = series.size // 2
     count = 1 << int(np.ceil(np.log2(_SAMPLES * (max(harmonics, total.wanted) + 1))))
@@ -176,7 +168,7 @@ def _smooth(law: LawMotion, label: str, series: Array, total: _Integral) -> None
     total.add(angles, np.full(count, _TURN / count), force, slopes)
 
 
-def _between_kinks(law: LawMotion, level: float, omega: float, series: Array, total: _Integral) -> None:
+def _between_kinks(law: LawMotion, level: float, omega: float, series: Array, total: LawForce) -> None:
     """Integrate over the times at which a law acts that has kinks, as a contact does while it is beyond its level."""
     harmonics = series.size // 2
     for angle, speed, spring, damper in law.jumps.tolist():
@@ -204,7 +196,7 @@ def _rates_of(functions: Array) -> Array:
     return np.concatenate([np.zeros((functions.shape[0], 1)), -order * sines, order * cosines], axis=1)
 
 
-def _with_past(laws: LawSet, j: int, series: Array, total: _Integral) -> bool:
+def _with_past(laws: LawSet, j: int, series: Array, total: LawForce) -> bool:
     """Follow the internal variables over the period until they repeat, then integrate; return whether they repeat."""
     harmonics = series.size // 2
     begin, end = stretches(series)

@@ -23,7 +23,7 @@ from vofem.integrators.methods import EVENT_DRIVEN
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.plan import Plan, run_plan
-from vofem.studies.steady.condensed import Condensed, condensable, condensed, condensed_result, first_count
+from vofem.studies.steady.condensed import Condensed, condensable, condensed, first_count
 from vofem.studies.steady.orbit import TIMES, OrbitSource, PeriodicOrbit
 from vofem.studies.steady.problem import OrbitProblem, Work
 from vofem.system import OPEN, State, System
@@ -97,7 +97,6 @@ class Shooting(OrbitProblem):
         elif shared and earlier is not None:
             self.frame = earlier.frame
         self.size = 2 * n
-        self.scales = np.concatenate([np.ones(n), np.full(n, self.loads.omega)])
 
     @property
     def duration(self) -> float:
@@ -285,9 +284,9 @@ def orbit_result(
     scene: Scene, state: State, duration: float, few: Condensed | None = None, error: float | None = None
 ) -> Result:
     """Return the run of `event_driven` over one orbit at `TIMES` equal times, in the vectors of a large system."""
-    if few is not None:
-        return condensed_result(scene, few, state, duration, error)
     times = np.linspace(0.0, duration, TIMES)
+    if few is not None:
+        return Result(scene, EVENT_DRIVEN.name, few.solution(state, duration, times, error), start=state)
     plan = Plan(EVENT_DRIVEN.name, duration, times, None, {"truncation": 0.0}, None, state)
     return run_plan(scene, plan, False, None, 60.0, None)
 
