@@ -18,7 +18,7 @@ harmonics of the force beyond H, which are known.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -40,7 +40,7 @@ from vofem.studies.steady.law_path import PASSES, LawPaths, nonlinear_groups
 from vofem.studies.steady.linear_rest import FULL, Attached, LinearRest, linear_laws
 from vofem.studies.steady.loads import load_series
 from vofem.studies.steady.near import orbit_near
-from vofem.studies.steady.newton import ROUNDING, TOLERANCE, raised, solved
+from vofem.studies.steady.newton import ROUNDING
 from vofem.studies.steady.orbit import DECIDED, OrbitSource, OrbitTruncation, PeriodicOrbit
 from vofem.studies.steady.problem import OrbitProblem, Work
 from vofem.studies.steady.shooting import Shooting
@@ -66,12 +66,6 @@ _NEWTON, _FAR = 3, 10.0
 
 #: Factor from the change of the largest multiplier, by the harmonics beyond those of the unknowns, to a bound.
 _SAFETY = 6.0
-
-#: Smallest step on the way from the linear response to the laws' full strength, and iterations of one.
-_SMALLEST, _TRIES = 1.0 / 16.0, 12
-
-#: Error of an evaluation at which equations with weaker laws count as solved.
-_WEAKER = 1e-6
 
 
 @dataclass(frozen=True)
@@ -198,7 +192,7 @@ class HarmonicBalance(OrbitProblem):
     def shooting(self) -> Shooting | None:
         """The problem of the exact orbits; None where shooting does not take the scene."""
         try:
-            return Shooting(self._what, self.scene, self.periods, period=self._period, earlier=self._before)
+            return Shooting(self.what, self.scene, self.periods, period=self.period, earlier=self._before)
         except MethodError:
             return None
 
@@ -211,7 +205,7 @@ class HarmonicBalance(OrbitProblem):
         vectors = np.array([load.vector for load in system.loads]).reshape(-1, system.size)
         inputs = np.concatenate([law_rows, vectors])
         highest: float = self.reach * self.omega
-        attached = linear_laws(self._what, system)
+        attached = linear_laws(self.what, system)
         rest = None if earlier is None else earlier.rest
         if earlier is not None and system.size <= FULL:
             share_modes(system, earlier.system)
@@ -258,24 +252,15 @@ class HarmonicBalance(OrbitProblem):
         try:
             return self._rest_held.response(omegas, forces)
         except SingularSystemError as error:
-            raise SingularSystemError(f"{self._what}: harmonics of {self.omega:.9g} rad/s: {error}") from None
+            raise SingularSystemError(f"{self.what}: harmonics of {self.omega:.9g} rad/s: {error}") from None
 
     # -- guesses --------------------------------------------------------------------------------------
 
     def from_rest(self) -> Array:
-        """Return the response with laws raised stepwise to full strength, or if that fails the end of a transient."""
-        start = to_real(self.free[:, : self.harmonics + 1].T).T.ravel()
-        if not self.size:
-            return start
+        """Return the linear response."""
+        return to_real(self.free[:, : self.harmonics + 1].T).T.ravel()
 
-        def solve(strength: float, guess: Array, now: Array) -> Array:
-            weaker, small = partial(self.evaluate, strength=strength), TOLERANCE if strength >= 1.0 else _WEAKER
-            return solved(weaker, guess, _TRIES, tolerance=small).unknowns
-
-        level, x = raised(solve, [(0.0, start)], 1.0, 1.0, least=_SMALLEST, shrink=0.5)[-1]
-        return x if level >= 1.0 else self._transient()
-
-    def _transient(self) -> Array:
+    def from_transient(self) -> Array:
         """Return the harmonics of the last periods of a run from rest."""
         period = self.loads.period
         count = self.periods * max(1, _TRANSIENT // self.periods)
@@ -283,7 +268,7 @@ class HarmonicBalance(OrbitProblem):
             run = simulate(self.scene, count * period, method=ENERGY_CONSERVING.name, dt=period / _STEPS)
         except Exception as error:
             raise ConvergenceError(
-                f"{self._what}: harmonic balance does not converge from the linear response, and a transient from rest "
+                f"{self.what}: harmonic balance does not converge from the linear response, and a transient from rest "
                 f"fails: {error}. Give a guess="
             ) from error
         return self.from_orbit(run)
@@ -304,17 +289,17 @@ class HarmonicBalance(OrbitProblem):
             start = np.floor(end / duration * (1.0 + 1e-12)) * duration - duration - result.t_start
             if start < -1e-9 * duration:
                 raise ArgumentError(
-                    f"{self._what}: the guess is a run of {result.solution.t_end:g} s, which holds no whole "
+                    f"{self.what}: the guess is a run of {result.solution.t_end:g} s, which holds no whole "
                     f"{duration:g} s of the orbit; simulate longer"
                 )
         else:
             raise ArgumentError(
-                f"{self._what}: guess is {orbit!r}; harmonic balance takes a PeriodicOrbit, or a Result over at least "
+                f"{self.what}: guess is {orbit!r}; harmonic balance takes a PeriodicOrbit, or a Result over at least "
                 "one whole orbit"
             )
         if result.model.system.size != self.system.size:
             raise ArgumentError(
-                f"{self._what}: the guess has {result.model.system.size} degrees of freedom, the scene "
+                f"{self.what}: the guess has {result.model.system.size} degrees of freedom, the scene "
                 f"{self.system.size}; give an orbit on the same mesh"
             )
         rows = all_rows(self.groups)
@@ -332,32 +317,30 @@ class HarmonicBalance(OrbitProblem):
 
     # -- equations ------------------------------------------------------------------------------------
 
-    def evaluate(self, unknowns: Array, *, derivative: bool = True, strength: float = 1.0) -> HarmonicEvaluation:
-        """Return the balance of harmonics, laws taken at a fraction of their strength."""
+    def evaluate(self, unknowns: Array, *, derivative: bool = True) -> HarmonicEvaluation:
+        """Return the balance of harmonics."""
         self.work.flows += 1
         m, h = self.laws.size, self.harmonics
         u = unknowns.reshape(m, 2 * h + 1)
         if not np.all(np.isfinite(u)):
             raise ConvergenceError("the iteration diverged: a harmonic is not finite")
-        forces, slopes, settled = self.forces(u, h, derivative, strength)
+        forces, slopes, settled = self.forces(u, h, derivative)
         balance = self.free[:, : h + 1] - np.einsum("kij,jk->ik", self.compliance[: h + 1], forces)
         residual = u - to_real(balance.T).T
         jacobian = self._jacobian(slopes) if derivative else np.empty((0, 0))
         return HarmonicEvaluation(self, u.copy(), residual.ravel(), settled, jacobian)
 
-    def forces(
-        self, u: Array, wanted: int, derivative: bool = False, strength: float = 1.0
-    ) -> tuple[Complex, list[Array], NDArray[np.bool_]]:
+    def forces(self, u: Array, wanted: int, derivative: bool = False) -> tuple[Complex, list[Array], NDArray[np.bool_]]:
         """Return harmonics of the laws' forces (m, wanted + 1), their slopes, and which laws repeat after a period."""
         m, h = self.laws.size, self.harmonics
         forces = np.zeros((m, wanted + 1), dtype=complex)
         slopes, settled = [], np.ones(m, dtype=bool)
         for j in range(m):
             found = self.laws.along(j, u[j], self.omega, wanted, derivative=derivative)
-            forces[j], settled[j] = strength * to_complex(found.force), found.settled
+            forces[j], settled[j] = to_complex(found.force), found.settled
             forces[j, : h + 1] -= self._held[j] * to_complex(u[j])
             if derivative:
-                slopes.append(strength * found.slope - self._held[j] * np.eye(2 * h + 1))
+                slopes.append(found.slope - self._held[j] * np.eye(2 * h + 1))
         return forces, slopes, settled
 
     def _jacobian(self, slopes: list[Array]) -> Array:

@@ -7,6 +7,7 @@ over an orbit, and the next run decides the signature anew.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -79,8 +80,8 @@ def orbit_near(problem: Shooting, guess: Array | None, steps: int = _STEPS, *, o
     raise ConvergenceError(f"Newton's method left a residual of {change:.2e} of the motion")
 
 
-def _segments(problem: Shooting, orbit: Any) -> tuple[Signature, Array] | None:
-    """Return signature and coordinates of an orbit of a scene with the same modes and contacts; None of other ones."""
+def _segments(problem: Shooting, orbit: Any) -> tuple[Signature, Array, Array] | None:
+    """Return signature, coordinates and Jacobian matrix of an orbit of a scene with the same modes and contacts."""
     known = orbit.source.motion() if isinstance(orbit, PeriodicOrbit) and orbit.method == "shooting" else None
     if not isinstance(known, SignatureEvaluation):
         return None
@@ -88,12 +89,19 @@ def _segments(problem: Shooting, orbit: Any) -> tuple[Signature, Array] | None:
     same = own.space.shapes is problem.space.shapes and own.periods == problem.periods
     if not same or len(known.chart.start) != problem.space.contacts.shape[0]:
         return None
-    return known.chart, np.concatenate([problem.unmodal(own.modal(known.y[:n])), known.y[n:]])
+    return known.chart, np.concatenate([problem.unmodal(own.modal(known.y[:n])), known.y[n:]]), known.jacobian
 
 
-def _evaluated(problem: Shooting, chart: Signature, y: Array) -> tuple[SignatureEvaluation, float]:
-    """Return the equations along the segments of a run, and its change over an orbit over the size of the motion."""
-    now = chart.evaluate(problem, y)
+def _evaluated(
+    problem: Shooting, chart: Signature, y: Array, known: Array | None = None
+) -> tuple[SignatureEvaluation, float]:
+    """Return the equations along the segments of a run, and its change over an orbit over the size of the motion.
+
+    `known`: the Jacobian matrix of a neighbour, good enough for a first step.
+    """
+    now = chart.evaluate(problem, y, derivative=known is None or not known.size)
+    if known is not None and known.size:
+        now = replace(now, jacobian=known)
     return now, relative(now.residual[: problem.size], now.sizes)
 
 

@@ -53,7 +53,7 @@ class OrbitProblem(ABC):
     def __init__(
         self, what: str, scene: Scene, system: System, periods: int, period: float | None, work: Work | None
     ) -> None:
-        self._what, self.scene, self.periods, self._period = what, scene, periods, period
+        self.what, self.scene, self.periods, self.period = what, scene, periods, period
         self.loads: LoadPeriod = load_period(what, system, period)
         self.work = Work() if work is None else work
 

@@ -157,7 +157,7 @@ class Shooting(OrbitProblem):
 
     def in_vectors(self, count: int) -> Shooting:
         """Return the problem of a large system in another number of vectors."""
-        return Shooting(self._what, self.scene, self.periods, period=self._period, work=self.work, vectors=count)
+        return Shooting(self.what, self.scene, self.periods, period=self.period, work=self.work, vectors=count)
 
     # -- guesses --------------------------------------------------------------------------------------
 
@@ -185,7 +185,7 @@ class Shooting(OrbitProblem):
     def from_orbit(self, orbit: Any) -> Array:
         """Return the unknowns of an orbit, of the last period of a `Result`, or of anything a run can start from."""
         source = _at_phase(orbit, self.loads.period) if isinstance(orbit, Result) else orbit
-        initial = Initial(f"{self._what}: guess", self.scene.bodies, source, by_name=True)
+        initial = Initial(f"{self.what}: guess", self.scene.bodies, source, by_name=True)
         return self.from_state(self.scene.initial_state(initial))
 
     # -- equations ------------------------------------------------------------------------------------

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +21,9 @@ from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.rebuild import like_guess
 from vofem.studies.steady.shooting import Shooting, relative
 
+if TYPE_CHECKING:
+    from vofem.studies.steady.harmonic_balance import HarmonicBalance
+
 #: Largest number of periods of the loads in a transient.
 MOST_PERIODS = 200
 
@@ -32,8 +34,8 @@ _TRY, _AGAIN = 1e-2, 0.1
 #: Steps of Newton's method in a trial, and the largest distance to its solution, in changes over an orbit.
 _STEPS, _FAR = 2, 200.0
 
-#: Least share of the loads from which orbits are followed, and the most orbits from there to the whole loads.
-_LEAST, _WAY = 0.01, 500
+#: Shares of the loads from which orbits are followed, and the most orbits from there to the whole loads.
+_SHARES, _WAY = tuple(0.5**k for k in range(8)), 500
 
 #: Factor by which a motion is larger than that of an orbit from rest where it has no bound.
 _UNBOUNDED = 1e10
@@ -111,10 +113,7 @@ def first_orbit(what: str, problem: Any, guess: Any) -> tuple[Any, Solved, tuple
         found, notes = _from_rest(what, problem)
     else:
         try:
-            if isinstance(problem, Shooting):
-                found = orbit_near(problem, None, orbit=guess)
-            else:
-                found = solved(problem.evaluate, problem.from_rest() if guess is None else problem.from_orbit(guess))
+            found = _from_response(problem) if guess is None else _near(problem, None, guess)
         except ConvergenceError as error:
             origin = "rest" if guess is None else "the guess"
             raise ConvergenceError(
@@ -201,33 +200,38 @@ def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
             level = _AGAIN * change
         x = after
     seen = f"after {MOST_PERIODS} periods from rest the motion still changes by {change:.2g} of itself over an orbit"
-    failed = []
-    for source, found_from in (("the linear response", _linear), ("smaller loads", _raised)):
-        try:
-            found = found_from(problem)
-        except ConvergenceError as error:
-            failed.append(f"from {source} {error}")
-            continue
+    try:
+        found, source = _raised(problem)
         return found, (f"{seen}, so this orbit was found from {source}; motions need not settle on it",)
-    regular = (
-        "another start, at which the motion is regular, such as one where no contact is touched"
-        if what == "continuation"
-        else "follow a branch from where the motion is regular with vofem.continuation"
-    )
+    except ConvergenceError as error:
+        failed = str(error)
     raise ConvergenceError(
-        f"{what}: no orbit was found. {seen}: a subharmonic or chaotic motion, or little damping; "
-        f"{', and '.join(failed)}. Try more periods (periods=2, 3, ...), a guess= such as a run with more damping, or "
-        f"{regular}"
+        f"{what}: no orbit was found. {seen}: a subharmonic or chaotic motion, or little damping; {failed}. Try more "
+        "periods (periods=2, 3, ...), a guess= such as a run with more damping, or follow a branch with "
+        "vofem.continuation from where the motion is regular, such as where no contact is touched"
     )
 
 
-def _linear(problem: Shooting) -> Solved:
-    """Return an orbit near the response with all contacts open."""
-    return orbit_near(problem, problem.from_rest())
+def _from_response(problem: HarmonicBalance) -> Solved:
+    """Return the orbit by harmonic balance from the linear response or smaller loads, or else from a transient."""
+    try:
+        return _raised(problem)[0]
+    except ConvergenceError:
+        return _near(problem, problem.from_transient())
 
 
-def _raised(problem: Shooting) -> Solved:
-    """Return the orbit in which the orbits under a share of the loads end that begin as the linear response."""
+def _near(problem: Any, start: Array | None, guess: Any = None) -> Solved:
+    """Return the orbit near some unknowns, or near a guess."""
+    if isinstance(problem, Shooting):
+        return orbit_near(problem, start, orbit=guess)
+    return solved(problem.evaluate, problem.from_orbit(guess) if start is None else start)
+
+
+def _raised(problem: Any) -> tuple[Solved, str]:
+    """Return the orbit near the linear response, or that in which the orbits under a share of the loads end; and which.
+
+    Raises `ConvergenceError` if there is none.
+    """
 
     def build(share: float) -> Scene:
         model = problem.scene.model
@@ -236,24 +240,36 @@ def _raised(problem: Shooting) -> Solved:
         system.share(model.system)
         return problem.scene.compiled_as(replace(model, system=system))
 
-    family = Family("periodic", build, Interval(0.0, 1.0), "shooting", problem.periods, work=problem.work)
-    share = 1.0
+    method, harmonics = ("shooting", None) if isinstance(problem, Shooting) else ("harmonic_balance", problem.harmonics)
+    family = Family(
+        problem.what, build, Interval(0.0, 1.0), method, problem.periods, harmonics, problem.work, problem.period
+    )
     family.begin_with(problem, 1.0)
-    first: Any = None
-    while share > _LEAST and (first is None or first.evaluation.chart.switches):
+    begun, failed = None, ""
+    for share in _SHARES:
+        try:
+            found = _near(family.at(share), family.at(share).from_rest())
+        except ConvergenceError as error:
+            failed = failed or str(error)
+            continue
+        if share == 1.0:
+            return found, "the linear response"
+        begun = found.unknowns, share
         # Where contacts switch there may be several orbits; the linear response is alone.
-        share *= 0.5
-        with contextlib.suppress(ConvergenceError):
-            first = _linear(family.at(share))
-    if first is None:
-        raise ConvergenceError(f"down to {share:.2g} of the loads no orbit is found")
+        if method != "shooting" or not found.evaluation.chart.switches:
+            break
+    if begun is None:
+        raise ConvergenceError(f"from the linear response {failed}, and down to {share:.2g} of the loads none is found")
     walk = Quiet(family, most=_WAY)
-    walk.follow(walk.begin(first.unknowns, share))
+    walk.follow(walk.begin(*begun))
     if walk.interrupted:
         raise KeyboardInterrupt
     if walk.points[-1].value != 1.0:
-        raise ConvergenceError(f"the orbits end at {walk.points[-1].value:.3g} of the loads")
-    return orbit_near(problem, walk.points[-1].unknowns())
+        end = walk.points[-1].value
+        raise ConvergenceError(
+            f"from the linear response {failed}, and from smaller loads they end at {end:.3g} of them"
+        )
+    return _near(problem, walk.points[-1].unknowns()), "smaller loads"
 
 
 def _tried(problem: Shooting, x: Array, change: float, sizes: tuple[float, float]) -> Solved | None:
