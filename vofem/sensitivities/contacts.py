@@ -19,6 +19,9 @@ from vofem.system import CLOSED, OPEN, PINNED
 #: Newton steps for the time of a peak.
 _ROUNDS = 8
 
+#: Relative distance of times that are one.
+_SAME = 4e-16
+
 
 @dataclass(frozen=True)
 class ImpactSensitivities:
@@ -193,7 +196,7 @@ class ContactSensitivities:
         return total
 
     def _moved(self, index: int, at: float) -> Array | None:
-        """Return the derivative of the time of the own event at the begin (0) or at the end of a segment, (p,)."""
+        """Return the derivative of the time of the event at the begin (0) or at the end of a segment, (p,)."""
         number = event_at(self._forward, index, at, self._index)
         return None if number is None else self._forward.event_times[number]
 
@@ -241,9 +244,16 @@ class Peak:
 
 def peak_of(forward: Forward, j: int, time: float, begin: float, end: float) -> Peak:
     """Return the exact place of the largest force of contact j in an impact, near an approximate time in s."""
+    starts, ends = forward.starts, forward.starts + forward.segments.durations
     chosen = within(forward, j, begin, end)
-    starts = forward.starts
-    index = next((k for k in reversed(chosen) if starts[k] <= time), chosen[0])
+
+    def size(k: int) -> float:
+        tau = np.clip(time - starts[k : k + 1], 0.0, forward.segments.durations[k])
+        return abs(Law(forward, k, j).value(forward.closed(k).states(tau)[:, 0], float(tau[0])))
+
+    # At an impact on a rigid stop the force of a damper jumps, and one side is the larger one.
+    meet = [k for k in chosen if starts[k] <= time <= ends[k] * (1.0 + _SAME)]
+    index = max(meet, key=size, default=chosen[0])
     duration = float(forward.segments.durations[index])
     law, piece = Law(forward, index, j), forward.closed(index)
     force = forward.forces(index)[1]
@@ -272,8 +282,7 @@ def peak_of(forward: Forward, j: int, time: float, begin: float, end: float) -> 
     # The largest force is at an end of the impact, or at the event of another contact.
     at = 0.0 if guess <= 0.5 * duration else duration
     state, slope, bend = slopes(at)
-    event = event_at(forward, index, at, j)
-    return Peak(index, at, law, state, slope, bend, False, event_at(forward, index, at) if event is None else event)
+    return Peak(index, at, law, state, slope, bend, False, event_at(forward, index, at, j))
 
 
 def within(forward: Forward, j: int, begin: float, end: float) -> list[int]:
@@ -283,14 +292,12 @@ def within(forward: Forward, j: int, begin: float, end: float) -> list[int]:
     return [k for k in range(first, last + 1) if forward.segments.status[k][j] != OPEN]
 
 
-def event_at(forward: Forward, index: int, at: float, contact: int | None = None) -> int | None:
-    """Return the number of an event, of one contact or of any, at the begin (0) or at the end of a segment."""
+def event_at(forward: Forward, index: int, at: float, contact: int) -> int | None:
+    """Return the number of an event, of a contact if there is one, at the begin (0) or at the end of a segment."""
     t = forward.starts[index] if at == 0.0 else forward.starts[index] + forward.segments.durations[index]
-    near = np.abs(forward.events.time - t) <= 4e-16 * abs(t)
-    if contact is not None:
-        near &= forward.events.contact == contact
-    found = np.flatnonzero(near)
-    return int(found[0]) if found.size else None
+    found = np.flatnonzero(np.abs(forward.events.time - t) <= _SAME * abs(t))
+    own = found[forward.events.contact[found] == contact]
+    return int([*own, *found][0]) if found.size else None
 
 
 def _motion(piece: Closed | Block, matrix: Array, force: Forcing, n: int, tau: float) -> tuple[Array, Array, Array]:
