@@ -81,11 +81,11 @@ class Law:
         waves = 0.0 if self.waves is None else self.waves.at(tau)
         return float(self.row @ state + self.constant + waves)
 
-    def explicit(self, state: Array, tau: float) -> Array:
-        """Return the derivatives of the force at a fixed state, shape (p,)."""
-        found = self.rows @ state + self.constants
+    def explicit(self, states: Array, tau: Array | float) -> Array:
+        """Return the derivatives of the force at fixed states, (2n,) or (2n, k), at times, (p,) or (k, p)."""
+        found = (self.rows @ states).T + self.constants
         for k, change in enumerate(self.wave_changes):
-            found[k] += change.at(tau)
+            found[..., k] += change.at(tau)
         return np.asarray(found)
 
 
@@ -104,23 +104,20 @@ class ContactSensitivities:
     def __repr__(self) -> str:
         return f"ContactSensitivities({self.name!r}, {self.closings.shape[0]} closings)"
 
-    def _events(self, closing: bool) -> Array:
-        events, forward = self._forward.events, self._forward
-        mine = np.flatnonzero(events.contact == self._index)
-        held = np.concatenate([[events.initial[self._index]], events.status[mine]]) == CLOSED
-        before = np.concatenate([[False], held[:-1]])
-        every = np.vstack([np.zeros((1, len(forward.changes))), forward.event_times[mine]])
-        return np.asarray(every[held & ~before] if closing else every[~held & before])
+    @property
+    def _event_times(self) -> Array:
+        """Derivatives of the times of all events and, last, of the start, which does not move, s."""
+        return np.vstack([self._forward.event_times, np.zeros(len(self._forward.changes))])
 
     @property
     def closings(self) -> Array:
         """Of the times at which the contact closes, shape (n, p); 0 for one that starts closed."""
-        return self._events(True)
+        return self._event_times[self._forward.events.stays(self._index, CLOSED)[0]]
 
     @property
     def openings(self) -> Array:
         """Of the times at which the contact opens, shape (n, p)."""
-        return self._events(False)
+        return self._event_times[self._forward.events.stays(self._index, CLOSED)[1]]
 
     @cached_property
     @one_thread
@@ -133,10 +130,7 @@ class ContactSensitivities:
             if law.status == OPEN:
                 continue
             piece = forward.closed(index)
-            states = piece.states(tau)
-            out[mine] = piece.sample(law.row[None], tau)[0]
-            for place, (k, t) in enumerate(zip(mine.tolist(), tau.tolist(), strict=True)):
-                out[k] += law.explicit(states[:, place], t)
+            out[mine] = piece.sample(law.row[None], tau)[0] + law.explicit(piece.states(tau), tau)
         return out
 
     @cached_property
@@ -148,15 +142,9 @@ class ContactSensitivities:
         events = forward.events
         p, n = len(forward.changes), len(found)
         parts = np.zeros((5, n, p))
-        mine = np.flatnonzero(events.contact == self._index)
-        touching = np.concatenate([[events.initial[self._index]], events.status[mine]]) != OPEN
-        numbers = np.concatenate([[-1], mine])
-        before = np.concatenate([[False], touching[:-1]])
-        begins, ends = numbers[touching & ~before], numbers[~touching & before]
+        begins, ends = events.stays(self._index, CLOSED, PINNED)
+        parts[0], parts[1, : ends.size] = self._event_times[begins], self._event_times[ends]
         for i in range(n):
-            begin = forward.event_times[begins[i]] if begins[i] >= 0 else np.zeros(p)
-            end = forward.event_times[ends[i]] if i < ends.size else np.zeros(p)
-            parts[0, i], parts[1, i] = begin, end
             if laws.rigid[self._index]:
                 # The force of an impact has no bound.
                 parts[2:4, i] = np.nan

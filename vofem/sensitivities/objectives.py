@@ -173,10 +173,9 @@ def _add_integral(out: Linear, forward: Forward, index: int, law: Law) -> None:
     found = piece.integrals() if isinstance(piece, Closed) else None
     if found is None:
         tau, weight = gauss(0.0, duration, piece, matrix)
-        states = piece.states(tau)
-        for k, (t, share) in enumerate(zip(tau.tolist(), weight.tolist(), strict=True)):
+        out.explicit += weight @ law.explicit(piece.states(tau), tau)
+        for t, share in zip(tau.tolist(), weight.tolist(), strict=True):
             out.add(index, t, share * law.row)
-            out.explicit += share * law.explicit(states[:, k], t)
         return
     state, left = found[0], np.asarray(np.linalg.solve(matrix.T, law.row), dtype=float)
     out.add(index, duration, left)
