@@ -145,20 +145,16 @@ class ContactSensitivities:
         begins, ends = events.stays(self._index, CLOSED, PINNED)
         parts[0], parts[1, : ends.size] = self._event_times[begins], self._event_times[ends]
         for i in range(n):
-            if laws.rigid[self._index]:
-                # The force of an impact has no bound.
-                parts[2:4, i] = np.nan
-                span = range(int(begins[i]), int(ends[i]) if i < ends.size else events.time.size)
-                parts[4, i] = self._impulse(float(found.closing[i]), float(found.opening[i]))
-                parts[4, i] += sum(
-                    forward.impulses[k] for k in span if k in forward.impulses and events.contact[k] == self._index
-                )
-            elif not found.why:
-                peak, time = self._peak(float(found.peak_time[i]), float(found.closing[i]), float(found.opening[i]))
-                parts[2, i], parts[3, i] = peak, time
-                parts[4, i] = self._impulse(float(found.closing[i]), float(found.opening[i]))
-            else:
-                parts[2:, i] = np.nan
+            span = float(found.closing[i]), float(found.opening[i])
+            parts[4, i] = self._impulse(*span)
+            if not laws.rigid[self._index]:
+                parts[2:4, i] = self._peak(float(found.peak_time[i]), *span)
+                continue
+            # The force of an impact has no bound.
+            parts[2:4, i] = np.nan
+            for k in range(int(begins[i]), int(ends[i]) if i < ends.size else events.time.size):
+                if k in forward.impulses and events.contact[k] == self._index:
+                    parts[4, i] += forward.impulses[k]
         return ImpactSensitivities(*parts)
 
     def _impulse(self, begin: float, end: float) -> Array:
@@ -176,17 +172,9 @@ class ContactSensitivities:
             total += law.row @ changes + law.rows @ state + law.constants * duration
             for k, change in enumerate(law.wave_changes):
                 total[k] += integral_of(change, duration)
-            for at, sign in ((0.0, -1.0), (duration, 1.0)):
-                moved = self._moved(index, at)
-                if moved is not None:
-                    force = law.value(piece.states(np.array([at]))[:, 0], at)
-                    total += sign * force * moved
+            for event, force in edges_of(forward, index, self._index, law):
+                total += force * forward.event_times[event]
         return total
-
-    def _moved(self, index: int, at: float) -> Array | None:
-        """Return the derivative of the time of the event at the begin (0) or at the end of a segment, (p,)."""
-        number = event_at(self._forward, index, at, self._index)
-        return None if number is None else self._forward.event_times[number]
 
     def _peak(self, time: float, begin: float, end: float) -> tuple[Array, Array]:
         """Return the derivatives of the force of largest magnitude in an impact, and of its time, each (p,)."""
@@ -278,6 +266,15 @@ def within(forward: Forward, j: int, begin: float, end: float) -> list[int]:
     first = int(np.searchsorted(forward.starts, begin, side="right")) - 1
     last = int(np.searchsorted(forward.starts, end, side="left")) - 1
     return [k for k in range(first, last + 1) if forward.segments.status[k][j] != OPEN]
+
+
+def edges_of(forward: Forward, index: int, j: int, law: Law) -> list[tuple[int, float]]:
+    """Return the events at both ends of a segment, and what a delay of them adds to the impulse of contact j, N."""
+    found, piece = [], forward.closed(index)
+    for at, sign in ((0.0, -1.0), (float(forward.segments.durations[index]), 1.0)):
+        if (event := event_at(forward, index, at, j)) is not None:
+            found.append((event, sign * law.value(piece.states(np.array([at]))[:, 0], at)))
+    return found
 
 
 def event_at(forward: Forward, index: int, at: float, contact: int) -> int | None:

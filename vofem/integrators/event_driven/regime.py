@@ -508,15 +508,8 @@ def _with_sliders(regime: Regime, exits: Exits) -> Exits:
     sizes[:, 0, e:], sizes[:, 1, e:] = spectrum.sizes(np.zeros_like(bounds), bounds)
     own, own_sizes = regime._quantities, regime._sizes
     more = sliders.exits(base.status, own[:c], (speeds, sizes), (own[c:], own_sizes[c:]), own_sizes[:c])
-    kept, none = exits.owner < first, np.zeros(len(more.owner))
-    return Exits(
-        np.concatenate([exits.rows[kept], more.rows]),
-        np.concatenate([exits.sizes[kept], more.sizes]),
-        np.concatenate([exits.sign[kept], none]),
-        np.concatenate([exits.level[kept], more.level]),
-        np.concatenate([exits.owner[kept], more.owner]),
-        np.concatenate([exits.leads[kept], more.leads]),
-    )
+    kept = exits.owner < first
+    return Exits(*(np.concatenate([part[kept], own]) for part, own in zip(exits, more, strict=True)))
 
 
 class Regimes:
