@@ -260,9 +260,9 @@ def test_a_point_that_returns_nan_has_not_failed():
 
 @pytest.mark.parametrize("kind", ["sleep", "loop"])
 def test_a_point_that_hangs_ends_at_its_time_limit(kind):
-    begun = time.monotonic()
+    slept = len(functions.SLEPT)
     table = vf.sweep(functions.trouble, {"kind": ["fine", kind, "nan"]}, executor="serial", time_limit=0.3)
-    assert time.monotonic() - begun < 10.0
+    assert len(functions.SLEPT) == slept
     assert [one.index for one in table.failed] == [1]
     assert table.failed[0].error == "TimeLimitError: the point took longer than the time limit of 0.3 s"
 
