@@ -17,7 +17,7 @@ from numpy.polynomial import Polynomial
 
 from vofem.arrays import Array
 from vofem.errors import ArgumentError, ConvergenceError, MissingCallableError, SceneFileError
-from vofem.files.hdf5 import check_format, mark_format, writing
+from vofem.files.hdf5 import BRANCH, LOCUS, checked_group, mark_format, writing
 from vofem.files.whole import target
 from vofem.io.scenes.scene_text import read_tables, scene_to_toml
 from vofem.io.storage.tree import read_tree, write_tree
@@ -37,9 +37,6 @@ from vofem.studies.steady.steady_state import as_guess
 from vofem.system import State
 
 SUFFIXES = (".h5", ".hdf")
-
-#: Names of the groups by which a file is known to hold a branch or a locus, and not a run.
-GROUP, LOCUS = "vofem_branch", "vofem_locus"
 
 #: Degree of polynomials by which numbers of scenes may depend on the parameter, and their relative rounding.
 _DEGREE, _ROUNDING = 4, 1e-13
@@ -72,15 +69,10 @@ def save(curve: Branch | Locus, path: str | os.PathLike[str], *, overwrite: bool
         **own,
     }
     with writing(goal, overwrite=overwrite) as blocks:
-        group = blocks.file.create_group(GROUP if isinstance(curve, Branch) else LOCUS, track_order=True)
+        group = blocks.file.create_group(BRANCH if isinstance(curve, Branch) else LOCUS, track_order=True)
         mark_format(group, FORMAT)
         write_tree(group, record)
     return goal
-
-
-def holds(file: h5py.File) -> str:
-    """Return what a file that is open holds: "branch", "locus", or nothing of the two."""
-    return "branch" if GROUP in file else "locus" if LOCUS in file else ""
 
 
 def _orbits(orbits: Sequence[PeriodicOrbit], folder: Path) -> dict[str, Any]:
@@ -114,9 +106,7 @@ def _orbits(orbits: Sequence[PeriodicOrbit], folder: Path) -> dict[str, Any]:
 
 def read(file: h5py.File) -> Branch | Locus:
     """Return the branch or locus in a file that is open; see `vofem.load`."""
-    own = file[GROUP if GROUP in file else LOCUS]
-    check_format(own, FORMAT)
-    record = read_tree(own)
+    record = read_tree(checked_group(file, (BRANCH, LOCUS), FORMAT, "a branch or a locus"))
     folder = Path(file.filename).parent
     kept = record["orbits"]
     orbits = [_orbit(kept, k, folder) for k in range(len(kept["method"]))]
@@ -128,7 +118,7 @@ def read(file: h5py.File) -> Branch | Locus:
     values: Any = record["values"]
     shared: dict[str, Any] = {name: record[name] for name in ("notes", "interrupted")}
     shared |= {"values": values, "special": special, "counters": BranchCounters(**record["counters"])}
-    if GROUP not in file:
+    if LOCUS in file:
         return Locus(kind=record["kind"], contact=record["contact"], **shared)
     free = bool(np.any(kept["autonomous"]))
     source = None if free else _Loaded(kept, values, special, orbits[:count], folder)

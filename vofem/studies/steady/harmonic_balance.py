@@ -265,7 +265,7 @@ class HarmonicBalance(OrbitProblem):
         period = self.loads.period
         count = self.periods * max(1, _TRANSIENT // self.periods)
         try:
-            run = simulate(self.scene, count * period, method=ENERGY_CONSERVING.name, dt=period / _STEPS)
+            run = simulate(self.scene, count * period, method=ENERGY_CONSERVING.name, dt=period / _STEPS, nearby=False)
         except Exception as error:
             raise ConvergenceError(
                 f"{self.what}: harmonic balance does not converge from the linear response, and a transient from rest "

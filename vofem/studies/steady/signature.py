@@ -451,7 +451,7 @@ class Signature:
         value = float(motion.reactions(np.array([duration]))[held, 0]) - (full if status == CLOSED else 0.0)
         columns = path.all_columns[index] if path.all_columns.size else np.empty((2 * n, path.shifts.shape[1]))
         rates = problem.course.loads.at(np.array([float(path.times[index]) + duration]))[0, 1]
-        pushed = force.share[held] @ base.forces[0][:, motion.regime.function + 1]
+        pushed = force.share[held] @ base.forces[0][:, motion.regime.kind.function + 1]
         real, moved, kept = motion.spectrum.real, columns[:n], problem.course.stuck(path.statuses[index])
         if kept is not None:
             value += float(kept.reaction[held] @ path.ends[index, :n])
