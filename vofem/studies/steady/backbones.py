@@ -280,7 +280,9 @@ class _Search:
 
         def solve(place: float, guess: Array, before: Array) -> Array:
             found = self.solved(guess, float(np.exp(place)))
-            if abs(found[-1] / before[-1] - 1.0) > 0.1 or _far(found[:-1], before[:-1]):
+            one, other = found[:-1], before[:-1]
+            apart = one @ other < 0.9 * np.linalg.norm(one) * np.linalg.norm(other)
+            if apart or abs(found[-1] / before[-1] - 1.0) > 0.1:
                 raise ConvergenceError("the oscillation changes too much in one step")
             return found
 
@@ -401,12 +403,6 @@ class _Levels:
 
     def of(self, y: Array) -> _AtLevel:
         return _AtLevel(self.search, float(y[-1]))
-
-
-def _far(a: Array, b: Array) -> bool:
-    """Return whether two displacements differ in direction by more than a step may."""
-    cosine = float(a @ b) / float(np.linalg.norm(a) * np.linalg.norm(b))
-    return cosine < 0.9
 
 
 def _not_reached(points: list[Point], what: str, level: float, why: str) -> ConvergenceError:

@@ -57,6 +57,7 @@ def periodic(
     for 200 periods of the loads. Newton's method then finds the exact orbit. The orbit is an attractor, but not
     necessarily the only one. If the motion does not settle, Newton's method starts from the response with all contacts
     open. Where that fails too, an orbit under smaller loads is followed up to the whole loads. A note says so.
+    Harmonic balance starts from the linear response, then from smaller loads, and last from a transient.
 
     Parameters
     ----------
