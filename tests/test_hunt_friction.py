@@ -305,7 +305,7 @@ def look(seed):
     return [*found, *(effect.describe() for effect in scene_of(seed)[0].effects)] if found else None
 
 
-@pytest.mark.parametrize("seed", [*range(5), 27, 58, 63])
+@pytest.mark.parametrize("seed", [*range(5), 27, 58, 63, 73045])
 def test_random_scenes_with_sliders_and_stops(seed):
     assert not fault(seed)
 
