@@ -306,7 +306,7 @@ def look(seed):
 
 
 # Of the first seeds, those whose integration is quick; two are beams.
-@pytest.mark.parametrize("seed", [1, 3, 5, 8, 10, 11, 16, 20, 21, 22, 27, 58, 63])
+@pytest.mark.parametrize("seed", [1, 3, 5, 8, 10, 11, 16, 20, 21, 22, 27, 58, 63, 73045])
 def test_random_scenes_with_sliders_and_stops(seed):
     assert not fault(seed)
 

@@ -312,3 +312,19 @@ def test_the_growth_of_perturbations_passes_impacts() -> None:
     ]
     growth = np.log10(np.linalg.norm(ends[1] - ends[0]) / h)
     assert result.sensitivity.growth[-1] == pytest.approx(growth, abs=1e-4)
+
+
+def test_a_plastic_impact_lifts_a_body_off_the_stop_on_which_it_rests() -> None:
+    """It presses on the other body from then on; both slow down by the load until they are back at the stop."""
+    upper, lower = vf.Mass(2.0, name="upper"), vf.Mass(1.0, name="lower")
+    floor = vf.RigidStop(upper, gap=0.0, restitution=0.0, side="below", name="floor")
+    hit = vf.RigidStop(lower, upper, gap=0.1, restitution=0.0, name="hit")
+    scene = vf.Scene([upper, lower], [floor, hit, vf.PointLoad(upper, vf.Constant(-2.0))], {lower: (0.0, 1.0)})
+    times = np.linspace(0.0, 1.0, 11)
+    result = vf.simulate(scene, 1.0, method="event_driven", times=times)
+    late = np.maximum(times - 0.1, 0.0)
+    np.testing.assert_allclose(result.displacement(upper), late * (1.0 - late) / 3.0, atol=1e-14)
+    np.testing.assert_allclose(result.contacts["floor"].pinned, [[0.0, 0.1]], atol=1e-15)
+    np.testing.assert_allclose(result.contacts["hit"].pinned, [[0.1, 1.0]], atol=1e-15)
+    assert result.energy.balance_error < 1e-14
+    assert result.energy.dissipated[-1] == pytest.approx(1.0 / 3.0, rel=1e-13)
