@@ -387,6 +387,7 @@ ONE = [
     ("t_end = 2.0", "t_end = 2\ntimes = [0, 3]", "run.times", "times reaches to 3 s, beyond t_end = 2 s"),
     ("t_end = 2.0", "t_end = 2\ntimes = 3", "run.times", "expected a table { start = ..., stop"),
     ("t_end = 2.0", "t_end = 2\ntimes = {start=0,stop=2,count=2.5}", "run.times.count", "expected a whole number"),
+    ("t_end = 2.0", "t_end = 2\ntimes = {start=0,stop=2,count=1000000000000}", "run.times.count", "from 1 to 10000000"),
     ("t_end = 2.0", "t_end = 2\ntimes = {start=2,stop=1,count=5}", "run.times.stop", "not before start = 2 s"),
     ("[run]\nt_end = 2.0", "run = 3", "run", "expected one table, headed [run], found 3"),
     ("[run]", "[runn]", "runn", "unknown key; did you mean 'run'?"),
