@@ -335,9 +335,8 @@ def test_a_hysteretic_spring_alone_closes_its_loop_after_one_cycle():
 
 def test_hysteretic_loss_in_closed_form():
     """To 7 N of Eq. 24: work ``12.5 + 9 (9 - 4 ln 2)`` less ``49/2``."""
-    memory, state = law_of(vf.HystereticSpring(MASS, **PAPER, memory="cyclic"))
-    commit(memory, state, 14.0)
-    assert state[0] == pytest.approx(12.5 + 9.0 * (9.0 - 4.0 * np.log(2.0)) - 24.5, rel=1e-14)
+    found = vf.quasi_static(paper_scene("cyclic")[1], [7.0]).springs["s"]
+    assert found.dissipated[0] == pytest.approx(12.5 + 9.0 * (9.0 - 4.0 * np.log(2.0)) - 24.5, rel=1e-14)
 
 
 # -- paths of scenes --------------------------------------------------------------------------------
