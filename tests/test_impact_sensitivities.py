@@ -89,6 +89,28 @@ def test_derivatives_of_a_run_agree_with_differences(restitution: float) -> None
             refused()
 
 
+def test_a_damper_that_an_impact_elsewhere_turns_around_has_the_derivatives_of_differences() -> None:
+    """Its force jumps at impacts of the body on a rigid stop, whose times move; of some of them it is largest there."""
+
+    def pressed(gap: float) -> tuple[Any, Any]:
+        body = vf.Mass(1.0, stiffness=20.0, name="body")
+        wall = vf.RigidStop(body, gap=gap, restitution=0.8, side="above", name="wall")
+        pad = vf.Contact(body, gap=0.05, stiffness=50.0, damping=6.0, side="above", acts_on="penetration", name="pad")
+        scene = vf.Scene([body], [pad, wall, vf.PointLoad(body, vf.Sine(15.0, 3.0))], {body: (0.0, 2.0)})
+        result = vf.simulate(scene, 3.0, method="event_driven", times=[0.0])
+        return result.contacts["pad"].impacts, vf.sensitivities(result, [vf.Parameter(wall, "gap")])
+
+    impacts, found = pressed(0.2)
+    near, far = ([pressed(0.2 + sign * step)[0] for sign in (1.0, -1.0)] for step in (1e-5, 2e-5))
+    for name in ("impulse", "peak_force"):
+        one, two = ((getattr(a, name) - getattr(b, name)) / step for (a, b), step in ((near, 2e-5), (far, 4e-5)))
+        mine = getattr(found.contacts["pad"].impacts, name)[:, 0]
+        np.testing.assert_allclose(mine, (4.0 * one - two) / 3.0, rtol=1e-6, atol=1e-7)
+    at_wall = np.isin(impacts.peak_time, pressed(0.2)[1].result.contacts["wall"].closings)
+    assert at_wall.any()
+    assert not at_wall.all()
+
+
 def test_a_bouncing_ball_has_the_derivatives_of_its_closed_form() -> None:
     """Times t_n = t_0 (1 + 2 e (1 - e^n)/(1 - e)), up to their accumulation, by e, g's load and the height."""
     e, height, g, mass = 0.6, 0.5, 9.81, 1.3

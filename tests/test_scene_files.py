@@ -518,7 +518,7 @@ def places(table):
 
 
 @given(st.data())
-@settings(max_examples=150)
+@settings(max_examples=75)
 def test_whatever_is_in_a_file_it_loads_or_has_a_typed_error(tmp_path_factory, data):
     whole = tomllib.loads(scene_to_toml(every_effect()))
     whole |= {"run": {"t_end": 1.0, "times": {"start": 0.0, "stop": 1.0, "count": 3}}, "output": {"history": "deck@1"}}

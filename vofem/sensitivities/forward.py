@@ -410,9 +410,8 @@ class Forward:
             equation = self.flow(self.segments.status[index]).equation
             states = self.closed(index).states(tau)
             force = self.forces(index)[1]
-            push = np.stack([force.at(t) for t in tau.tolist()], axis=1)
             out[0][:, mine], out[1][:, mine] = states[:n] / scale, states[n:]
-            out[2][:, mine] = equation.matrix[n:] @ states + push
+            out[2][:, mine] = equation.matrix[n:] @ states + force.at(tau).T
         return out[0], out[1], out[2]
 
     def accelerations(self, times: Array) -> Array:
@@ -428,7 +427,7 @@ class Forward:
                 if change is not None:
                     found[:, :, k] += change[n:] @ states
                 if own is not None:
-                    found[:, :, k] += np.stack([own.at(t) for t in tau.tolist()], axis=1)
+                    found[:, :, k] += own.at(tau).T
             out[:, mine] = found
         return out
 

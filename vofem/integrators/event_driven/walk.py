@@ -10,7 +10,7 @@ from contextlib import nullcontext
 from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.errors import EventStormError
@@ -54,12 +54,11 @@ class Walker:
     """A motion that is followed from segment to segment; see `follow.Follower`, whose interface it has."""
 
     def __init__(
-        self, solution: EventSolution, edges: ArrayLike, time: float, status: Status, displacement: Array,
-        velocity: Array, pin_fraction: float, most_events: int,
+        self, solution: EventSolution, time: float, status: Status, displacement: Array, velocity: Array,
+        pin_fraction: float, most_events: int,
     ) -> None:  # fmt: skip
         self.solution = solution
         self.time, self.status, self.displacement, self.velocity = time, status.copy(), displacement, velocity
-        solution.exosystem = solution.loads_between(np.asarray(edges, dtype=float))
         laws = solution.system.contacts
         assert laws is not None
         self._laws, self._rows, self._pin_fraction = laws, solution.space.contacts, pin_fraction

@@ -31,7 +31,7 @@ from vofem.studies.steady.follow import Quiet
 from vofem.studies.steady.near import signature_at
 from vofem.studies.steady.newton import raised, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.point import OriginChart, Point, point_at
+from vofem.studies.steady.point import ORIGIN, Point, point_at
 from vofem.studies.steady.problem import Work
 from vofem.studies.steady.shooting import Shooting, flow_refusal
 from vofem.system import State, System
@@ -175,7 +175,6 @@ class _Search:
         self.rotation = system.rotation if few is None else few.full.rotation
         #: Relative change of the oscillations by doubling the vectors.
         self.change: float | None = None
-        self._latest: tuple[Array, tuple[Array, Array]] | None = None
 
     def energy(self, z: Array, *, linear: bool = False) -> tuple[float, Array]:
         """Return the energy in J of a displacement at rest and its derivative, (n,); without contacts if `linear`."""
@@ -294,7 +293,7 @@ class _Search:
         family: Any = _Levels(self, Interval(0.0, level))
         walker = Quiet(family, most=most, noun="backbone")
         here = self.level(now[:-1])[0]
-        first = point_at(family, _RestChart(), np.append(now, here), np.append(towards / scales, 0.0))
+        first = point_at(family, ORIGIN, np.append(now, here), np.append(towards / scales, 0.0))
         walker.follow(first, _SHORT)
         if walker.interrupted:
             raise KeyboardInterrupt
@@ -312,9 +311,6 @@ class _Search:
         `y` (shape (n + 1,)): modal displacement at rest, and half the period in s.
         Returns an array of shape (n,).
         """
-        # Levels do not change the motion, so that derivatives by the level ask for the same one again.
-        if self._latest is not None and np.array_equal(self._latest[0], y):
-            return self._latest[1]
         n = self.space.size
         if not np.all(np.isfinite(y)) or y[-1] <= 0.0:
             raise ConvergenceError("the iteration diverged: half the period is not positive")
@@ -329,8 +325,7 @@ class _Search:
         assert one.monodromy is not None
         _, speed = one.sizes
         slopes = np.concatenate([one.monodromy[n:], one.rate[n:, None]], axis=1) / speed
-        self._latest = y.copy(), (one.velocity / speed, slopes)
-        return self._latest[1]
+        return one.velocity / speed, slopes
 
     def orbit(self, scene: Scene, rest: Array) -> PeriodicOrbit:
         """Return the orbit of an oscillation, from rest at the side that is farther from the stops."""
@@ -363,7 +358,6 @@ class _Evaluation:
     residual: Array
     jacobian: Array  #: Shape (n + 1, n + 1).
     scales: Array  #: Shape (n + 1,).
-    size: float = 1.0
     multipliers: None = None
 
     @property
@@ -407,14 +401,6 @@ class _Levels:
 
     def of(self, y: Array) -> _AtLevel:
         return _AtLevel(self.search, float(y[-1]))
-
-
-class _RestChart(OriginChart):
-    """The displacement at rest and half the period as coordinates."""
-
-    def scales(self, problem: Any, evaluation: Any) -> Array:
-        """Return sizes of the coordinates."""
-        return np.asarray(evaluation.scales)
 
 
 def _far(a: Array, b: Array) -> bool:

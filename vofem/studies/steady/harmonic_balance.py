@@ -17,7 +17,7 @@ harmonics of the force beyond H, which are known.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -82,18 +82,17 @@ class HarmonicEvaluation:
     u: Array  #: Harmonics of the laws' coordinates, m, shape (n_laws, 2H + 1).
     residual: Array  #: Shape (n,).
     settled: NDArray[np.bool_]  #: Whether internal variables repeat after a period, shape (n_laws,).
-    slope: Array | None = field(repr=False)
-
-    @property
-    def jacobian(self) -> Array:
-        """Derivative of the residual, shape (n, n)."""
-        assert self.slope is not None
-        return self.slope
+    jacobian: Array = field(repr=False)  #: Empty without derivatives, shape (n, n).
 
     @property
     def size(self) -> float:
         """Size of the motion, m."""
         return float(np.linalg.norm(self.u))
+
+    @property
+    def scales(self) -> Array:
+        """Sizes of the unknowns, shape (n,)."""
+        return np.full(self.residual.size, max(self.size, np.finfo(float).tiny))
 
     @property
     def error(self) -> float:
@@ -105,8 +104,14 @@ class HarmonicEvaluation:
 
     @cached_property
     def truncation(self) -> OrbitTruncation:
-        """The estimated error by the harmonics that are left out."""
-        return self.problem.truncation(self.u, self._forces)
+        """The displacements of the harmonics that are left out, estimated from the force in these harmonics."""
+        problem, h, reach = self.problem, self.problem.harmonics, self.problem.reach
+        beyond = problem.free - np.einsum("kij,jk->ik", problem.compliance, self._forces)
+        left = np.abs(beyond[:, h + 1 :]).sum(axis=1)
+        size = np.abs(to_complex(self.u.T)).sum(axis=0)
+        error = float(np.max(left / np.where(size > 0.0, size, 1.0), initial=0.0))
+        what = f"{h} harmonics; those up to {reach} would change displacements by up to {error:.1e} of themselves"
+        return OrbitTruncation(reach - h, error, what, error)
 
     @cached_property
     def motion(self) -> HarmonicMotion:
@@ -116,7 +121,18 @@ class HarmonicEvaluation:
     @cached_property
     def exact(self) -> SignatureEvaluation | None:
         """The exact orbit by shooting, if there is one within the error of the harmonics."""
-        return self.problem.exact_near(self.motion, self.truncation.error)
+        problem, motion = self.problem.shooting, self.motion
+        if problem is None:
+            return None
+        q, v = (motion.rest.vectors @ motion.modal(np.zeros(1), order)[:, 0] for order in range(2))
+        guess, n = problem.from_state(State(q, v)), problem.size // 2
+        try:
+            found = orbit_near(problem, guess, _NEWTON)
+        except ConvergenceError:
+            return None
+        away, known = float(np.linalg.norm(found.unknowns[:n] - guess[:n])), found.evaluation
+        assert isinstance(known, SignatureEvaluation)
+        return known if away <= (_FAR * self.truncation.error + ROUNDING) * known.size else None
 
     @cached_property
     def multipliers(self) -> Complex | None:
@@ -131,7 +147,8 @@ class HarmonicEvaluation:
         if self.exact is not None:
             return float(self.exact.uncertainty)
         assert self.multipliers is not None
-        few = self.problem.multipliers(self.motion.with_harmonics(self.problem.harmonics))
+        first = self.motion.coefficients[:, : self.problem.harmonics + 1]
+        few = self.problem.multipliers(replace(self.motion, coefficients=first))
         return max(DECIDED, _SAFETY * abs(float(np.abs(self.multipliers).max() - np.abs(few).max())))
 
     @cached_property
@@ -168,7 +185,6 @@ class HarmonicBalance(OrbitProblem):
         self.omega = self.loads.omega / periods
         self.laws = LawPaths(self.groups)
         self.size = self.laws.size * (2 * self.harmonics + 1)
-        self.scales = np.ones(self.size)
         self._series = load_series(what, system, self.omega, self.reach)
         if earlier is not None and earlier.size != self.size:
             raise MethodError(
@@ -219,7 +235,6 @@ class HarmonicBalance(OrbitProblem):
         modal = inputs @ rest.vectors
         self.law_modes, self.load_modes = modal[:count], modal[count:]
         self._hold(rest)
-        self._held = np.zeros(count) if self._stiffness is None else self._stiffness
         forces = np.empty((self.reach + 1, rest.squares.size, count + 1), dtype=complex)
         forces[:, :, :count], forces[:, :, count] = self.law_modes.T, self._series.T @ self.load_modes
         answer = self.law_modes @ self._answer(forces)
@@ -230,15 +245,12 @@ class HarmonicBalance(OrbitProblem):
 
         The equations stay the same. Without it the compliance would be infinite at zero frequency.
         """
-        self._stiffness: Array | None = None
-        self._rest_held = rest
+        self._held, self._rest_held = np.zeros(self.laws.size), rest
         if not np.any(rest.squares == 0.0) or not self.laws.size:
             return
         mobility = np.sum(self.law_modes**2, axis=1)
-        self._stiffness = self.loads.omega**2 / np.where(mobility > 0.0, mobility, 1.0)
-        self._rest_held = rest.with_attached(
-            Attached(all_rows(self.groups), lambda omega: np.asarray(self._stiffness, dtype=complex))
-        )
+        self._held = held = self.loads.omega**2 / np.where(mobility > 0.0, mobility, 1.0)
+        self._rest_held = rest.with_attached(Attached(all_rows(self.groups), lambda omega: held.astype(complex)))
 
     def _answer(self, forces: Complex) -> Complex:
         """Return modal displacements under modal forces of all harmonics from 0 on, both (reach + 1, m, n)."""
@@ -268,7 +280,7 @@ class HarmonicBalance(OrbitProblem):
         period = self.loads.period
         count = self.periods * max(1, _TRANSIENT // self.periods)
         try:
-            run = simulate(self.scene, count * period, method=ENERGY_CONSERVING.name, dt=period / _STEPS)
+            run = simulate(self.scene, count * period, method=ENERGY_CONSERVING.name, dt=period / _STEPS, nearby=False)
         except Exception as error:
             raise ConvergenceError(
                 f"{self._what}: harmonic balance does not converge from the linear response, and a transient from rest "
@@ -330,8 +342,8 @@ class HarmonicBalance(OrbitProblem):
         forces, slopes, settled = self.forces(u, h, derivative, strength)
         balance = self.free[:, : h + 1] - np.einsum("kij,jk->ik", self.compliance[: h + 1], forces)
         residual = u - to_real(balance.T).T
-        slope = self._slope(slopes) if derivative else None
-        return HarmonicEvaluation(self, u.copy(), residual.ravel(), settled, slope)
+        jacobian = self._jacobian(slopes) if derivative else np.empty((0, 0))
+        return HarmonicEvaluation(self, u.copy(), residual.ravel(), settled, jacobian)
 
     def forces(
         self, u: Array, wanted: int, derivative: bool = False, strength: float = 1.0
@@ -344,11 +356,11 @@ class HarmonicBalance(OrbitProblem):
             found = self.laws.along(j, u[j], self.omega, wanted, derivative=derivative)
             forces[j], settled[j] = strength * to_complex(found.force), found.settled
             forces[j, : h + 1] -= self._held[j] * to_complex(u[j])
-            if found.slope is not None:
+            if derivative:
                 slopes.append(strength * found.slope - self._held[j] * np.eye(2 * h + 1))
         return forces, slopes, settled
 
-    def _slope(self, slopes: list[Array]) -> Array:
+    def _jacobian(self, slopes: list[Array]) -> Array:
         """Return the Jacobian matrix: the identity and the compliance times the laws' slopes."""
         m, h = self.laws.size, self.harmonics
         n = 2 * h + 1
@@ -370,7 +382,7 @@ class HarmonicBalance(OrbitProblem):
         """Return the orbit of a solution."""
         notes = [evaluation.truncation.what]
         if not np.all(evaluation.settled):
-            label = self._labels[int(np.argmin(evaluation.settled))]
+            label = self.laws.laws.laws[int(np.argmin(evaluation.settled))].label
             notes.append(
                 f"{label} still changes after {PASSES} cycles of this motion, as laws that harden under cyclic loads "
                 "do; the orbit is that after as many cycles"
@@ -394,20 +406,6 @@ class HarmonicBalance(OrbitProblem):
             unknowns=np.array(unknowns),
         )
 
-    @property
-    def _labels(self) -> list[str]:
-        return [label for group in self.groups for label in group.labels]
-
-    def truncation(self, u: Array, forces: Complex) -> OrbitTruncation:
-        """Estimate the displacements of the harmonics that are left out, from the force in these harmonics."""
-        h = self.harmonics
-        beyond = self.free - np.einsum("kij,jk->ik", self.compliance, forces)
-        left = np.abs(beyond[:, h + 1 :]).sum(axis=1)
-        size = np.abs(to_complex(u.T)).sum(axis=0)
-        error = float(np.max(left / np.where(size > 0.0, size, 1.0), initial=0.0))
-        what = f"{h} harmonics; those up to {self.reach} would change displacements by up to {error:.1e} of themselves"
-        return OrbitTruncation(self.reach - h, error, what, error)
-
     def motion(self, forces: Complex) -> HarmonicMotion:
         """Return the motion of the whole structure under the laws' forces, with all their known harmonics."""
         right = self._series.T @ self.load_modes - forces.T @ self.law_modes
@@ -429,26 +427,11 @@ class HarmonicBalance(OrbitProblem):
             )
         return None
 
-    def exact_near(self, motion: HarmonicMotion, error: float) -> SignatureEvaluation | None:
-        """Return the exact orbit near a motion with a relative error, or None if shooting finds none so close to it."""
-        problem = self.shooting
-        if problem is None:
-            return None
-        q, v = (motion.rest.vectors @ motion.modal(np.zeros(1), order)[:, 0] for order in range(2))
-        guess, n = problem.from_state(State(q, v)), problem.size // 2
-        try:
-            found = orbit_near(problem, guess, _NEWTON)
-        except ConvergenceError:
-            return None
-        assert isinstance(found.evaluation, SignatureEvaluation)
-        away = float(np.linalg.norm(found.unknowns[:n] - guess[:n]))
-        return found.evaluation if away <= (_FAR * error + ROUNDING) * found.evaluation.size else None
-
     def multipliers(self, motion: HarmonicMotion) -> Complex:
         """Return the Floquet multipliers of a motion."""
         rows = all_rows(self.groups)
         series = np.zeros((0, 1)) if rows is None else motion.along(rows)
-        tangents = [self.laws.tangent(j, series[j], self.omega) for j in range(self.laws.size)]
+        tangents = [self.laws.motion(j, series[j], self.omega) for j in range(self.laws.size)]
         return eigenvalues(monodromy(self.rest, self.law_modes, tangents, self.omega, self.harmonics))
 
     def change_after(self, count: int, unknowns: Array, evaluation: Any) -> float:

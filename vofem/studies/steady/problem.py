@@ -48,9 +48,6 @@ class OrbitProblem(ABC):
     """
 
     size: int  #: Number n of unknowns.
-    #: Positive sizes by which unknowns are divided before they are compared with each other; they need to be right up
-    #: to a common factor. A problem without unknowns of different kinds gives ones. Shape (n,).
-    scales: Array
     parameters: tuple[float, ...] = ()  #: Values of the parameters at which the problem was built along a branch.
 
     def __init__(

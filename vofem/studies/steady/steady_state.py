@@ -12,7 +12,6 @@ from vofem._validate import choice, whole
 from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.errors import ConvergenceError
-from vofem.integrators.event_driven.flow import Start
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.condensed import GOOD
 from vofem.studies.steady.family import METHODS, Family, Interval, chosen, problem_of
@@ -20,7 +19,6 @@ from vofem.studies.steady.follow import Quiet
 from vofem.studies.steady.near import orbit_near
 from vofem.studies.steady.newton import Solved, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.problem import OrbitProblem
 from vofem.studies.steady.rebuild import like_guess
 from vofem.studies.steady.shooting import Shooting, relative
 
@@ -39,9 +37,6 @@ _LEAST, _WAY = 0.01, 500
 
 #: Factor by which a motion is larger than that of an orbit from rest where it has no bound.
 _UNBOUNDED = 1e10
-
-#: Closings slower than this, of the largest speed of the contact, are reported as grazings.
-_SLOW = 1e-3
 
 
 @one_thread
@@ -103,34 +98,30 @@ def periodic(
     return orbit
 
 
-def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProblem, Solved, tuple[str, ...]]:
+def first_orbit(what: str, problem: Any, guess: Any) -> tuple[Any, Solved, tuple[str, ...]]:
     """Return an orbit of a problem from a guess or from rest, its minimal period checked, and notes about it.
 
     The problem is the given one. For a large system it may be one with more vectors, if the orbit needs them.
 
     Raises `ConvergenceError` if none is found, or one that repeats earlier than after the given number of periods.
     """
-    if isinstance(problem, Shooting):
-        problem = as_guess(problem, guess)
+    problem = as_guess(problem, guess)
     notes: tuple[str, ...] = ()
     if guess is None and isinstance(problem, Shooting):
         found, notes = _from_rest(what, problem)
     else:
         try:
-            start = problem.from_rest() if guess is None else problem.from_orbit(guess)
             if isinstance(problem, Shooting):
-                found = orbit_near(problem, start, orbit=guess)
+                found = orbit_near(problem, None, orbit=guess)
             else:
-                equations: Any = problem
-                found = solved(equations.evaluate, start)
+                found = solved(problem.evaluate, problem.from_rest() if guess is None else problem.from_orbit(guess))
         except ConvergenceError as error:
-            seen = seen_of(problem, guess) if isinstance(problem, Shooting) else ""
+            origin = "rest" if guess is None else "the guess"
             raise ConvergenceError(
-                f"{what}: no orbit was found from the guess. {error}. {seen}Try a guess that is closer, such as the "
-                "orbit of a scene that differs less, or vofem.continuation from there"
+                f"{what}: no orbit was found from {origin}. {error}. Try a guess that is closer, such as the orbit of "
+                "a scene that differs less, or vofem.continuation from there"
             ) from error
-    evaluation: Any = found.evaluation
-    shortest = problem.shortest_period(found.unknowns, evaluation)
+    shortest = problem.shortest_period(found.unknowns, found.evaluation)
     if shortest < problem.periods:
         raise ConvergenceError(
             f"{what}: an orbit over {problem.periods} periods of the loads was asked for, and the one found repeats "
@@ -138,7 +129,7 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
             "vofem.continuation finds one by branch.switch at a period doubling"
         )
     if isinstance(problem, Shooting):
-        _refuse_unbounded(what, problem, evaluation.sizes)
+        _refuse_unbounded(what, problem, found.evaluation.sizes)
         problem, found, more = _with_enough_vectors(problem, found)
         notes += more
     return problem, found, notes
@@ -148,8 +139,7 @@ def _refuse_unbounded(what: str, problem: Shooting, sizes: tuple[float, float]) 
     """Raise where a motion without damping is so large that what the loads do in an orbit is lost in its rounding."""
     if problem.system.damped:
         return
-    z, v = problem.to_modes(problem.outside(np.zeros(problem.size)))
-    driven = problem.run(Start(0.0, z, v), problem.duration, check=True).sizes
+    driven = problem.run(problem.outside(np.zeros(problem.size)), check=True).sizes
     if any(size > _UNBOUNDED * one > 0.0 for size, one in zip(sizes, driven, strict=True)):
         raise ConvergenceError(
             f"{what}: no orbit was found. Its motion is unbounded: a load acts at a natural frequency of a structure "
@@ -159,9 +149,7 @@ def _refuse_unbounded(what: str, problem: Shooting, sizes: tuple[float, float]) 
 
 def as_guess(problem: Any, guess: Any) -> Any:
     """Return the problem of a large system with as many vectors as were needed for the orbit that is the guess."""
-    if not isinstance(problem, Shooting):
-        return problem
-    few = problem.condensed
+    few = problem.condensed if isinstance(problem, Shooting) else None
     known = guess.truncation if isinstance(guess, PeriodicOrbit) and guess.method == "shooting" else None
     if few is None or known is None or guess.unknowns is None:
         return problem
@@ -193,23 +181,6 @@ def _with_enough_vectors(problem: Shooting, found: Solved) -> tuple[Shooting, So
     return problem, found, notes
 
 
-def seen_of(problem: Shooting, guess: Any) -> str:
-    """Return a sentence about a grazing or chatter near a guess, or an empty one."""
-    try:
-        z, v = problem.to_modes(problem.from_orbit(guess))
-        events = problem.run(Start(0.0, z, v), problem.duration).events
-    except ConvergenceError as error:
-        return f"From the guess: {error}. "
-    rates = np.array([abs(event.rate) for event in events])
-    if rates.size > 1 and rates.min() < _SLOW * rates.max():
-        slow = events[int(rates.argmin())]
-        laws = problem.system.contacts
-        assert laws is not None
-        where = f"with {abs(slow.rate):.2g} m/s at {slow.time:.6g} s"
-        return f"Contact {laws.names[slow.contact]!r} is grazed nearby, {where}. "
-    return ""
-
-
 def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
     """Return the orbit that a motion from rest settles on, or one that belongs to the linear response, with a note.
 
@@ -218,8 +189,7 @@ def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
     x = problem.outside(np.zeros(problem.size))
     level, change = _TRY, np.inf
     for _ in range(max(1, MOST_PERIODS // problem.periods)):
-        z, v = problem.to_modes(x)
-        one = problem.run(Start(0.0, z, v), problem.duration)
+        one = problem.run(x)
         after = problem.to_unknowns(one.displacement, one.velocity)
         before, change = change, relative(after - x, one.sizes)
         if not np.isfinite(change):
