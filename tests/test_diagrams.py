@@ -70,8 +70,8 @@ def test_a_store_gives_the_same_diagram_without_computing(tmp_path, monkeypatch)
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"values": []}, "values is"),
-        ({"values": [0.5, float("nan")]}, "values is"),
+        ({"values": []}, "values has shape"),
+        ({"values": [0.5, float("nan")]}, "values holds nan"),
         ({"periods": 0}, "periods is 0"),
         ({"skip": -1}, "skip is -1"),
         ({"build": functions.transient}, "every run failed, the first with"),

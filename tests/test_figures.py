@@ -152,9 +152,9 @@ def test_what_is_no_subject_of_a_picture_is_refused(run, orbit, tmp_path):
     for draw in (plot.force_histogram, plot.event_raster, plot.fit, plot.sweep_curves, plot.basin_map):
         with pytest.raises(vf.ArgumentError, match=f"{draw.__name__}: .* is 3, expected "):
             draw(3, path=tmp_path / "a.png")
-    with pytest.raises(vf.ArgumentError, match="shapes: times is empty"):
+    with pytest.raises(vf.ArgumentError, match=r"shapes: times has shape \(0,\), expected one or more numbers"):
         plot.shapes(result, [], tmp_path / "a.png")
-    with pytest.raises(vf.ArgumentError, match="no contact is named 3"):
+    with pytest.raises(vf.ArgumentError, match="no contact is named '3'"):
         plot.time_history(result, point, tmp_path / "a.png", contact=3)
     with pytest.raises(vf.ArgumentError, match="bins is 1000000000000, expected a whole number from 1 to 100000"):
         plot.impact_statistics(result, path=tmp_path / "a.png", bins=10**12)

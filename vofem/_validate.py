@@ -25,9 +25,15 @@ TINY = 1e-60
 T = TypeVar("T")
 
 
-def name_of(thing: Any) -> Any:
-    """Return the name of a thing that has one; anything else, such as a name, is returned as it is."""
-    return getattr(thing, "name", thing)
+def name_of(thing: Any) -> str:
+    """Return the name of a thing that has one, or the name itself; of anything else how it is shown, no name of any."""
+    name = getattr(thing, "name", thing)
+    return name if isinstance(name, str) else repr(thing)
+
+
+def listed(given: Any) -> list[Any]:
+    """Return one thing, such as a name, or several of them, as a list."""
+    return list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
 
 
 class Named(Mapping[str, T]):
@@ -137,6 +143,14 @@ def array(what: str, values: Any, *, shape: tuple[int, ...] | None = None) -> ND
     if not np.all(np.isfinite(result)):
         bad = np.argwhere(~np.isfinite(result))[0].tolist()
         raise ArgumentError(f"{what} holds {result[tuple(bad)]} at index {bad}, expected finite numbers")
+    return result
+
+
+def series(what: str, values: Any) -> NDArray[np.float64]:
+    """Return one or more finite numbers as an array of shape (n,), or raise `ArgumentError` naming `what`."""
+    result = np.atleast_1d(array(what, values))
+    if result.ndim != 1 or not result.size:
+        raise ArgumentError(f"{what} has shape {result.shape}, expected one or more numbers, shape (n,)")
     return result
 
 

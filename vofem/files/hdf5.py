@@ -113,18 +113,6 @@ class GuardedFile(io.RawIOBase):
         if self.error is not None:
             raise self.error
 
-    def readable(self) -> bool:
-        """Return True."""
-        return True
-
-    def writable(self) -> bool:
-        """Return True."""
-        return True
-
-    def seekable(self) -> bool:
-        """Return True."""
-        return True
-
     def close(self) -> None:
         """Close the file."""
         self._file.close()

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from vofem._validate import number, whole, wrong
+from vofem._validate import listed, number, whole, wrong
 from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.cards import Saved
@@ -374,7 +374,7 @@ def fit(
     """
     as_scene("fit", scene)
     chosen = parameters_of("fit", parameters, scene)
-    measured = (data,) if isinstance(data, Data) else tuple(data) if isinstance(data, Iterable) else ()
+    measured = tuple(listed(data))
     if not measured or not all(isinstance(one, Data) for one in measured):
         raise wrong("fit: data", repr(data), "what vofem.Measured returns, or several of these")
     starts = whole("fit: starts", starts)

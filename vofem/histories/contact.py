@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem._validate import number, whole
 from vofem.arrays import Array
 from vofem.effects.two_points import UNITS, Units
 from vofem.fractional.orders import exponential_order
@@ -89,6 +90,8 @@ class ContactHistory:
         tolerance : float
             Accepted error of the forces between events, divided by the largest force.
         """
+        count = whole("first_impacts: count", count)
+        tolerance = number("first_impacts: tolerance", tolerance, minimum=0.0)
         return ImpactRecord(self._run, self._laws, self._index, self.units, count, tolerance).impacts()
 
     def statistics(self, window: ArrayLike | None = None) -> ContactStatistics:

@@ -97,6 +97,17 @@ def resume(
     MissingCallableError
         If the scene holds callables or bodies of other classes and was not given.
     """
-    from vofem.io.storage import checkpoint
+    from vofem.files.hdf5 import CHECKPOINT, checked_group, reading
+    from vofem.files.whole import path_of, target
+    from vofem.io.storage.checkpoint import FORMAT, SUFFIXES, identity_of, writers_of
+    from vofem.io.storage.records import decode, restored_scene
+    from vofem.io.storage.tree import read_tree
+    from vofem.simulate.plan import run_plan
 
-    return checkpoint.resume(path, scene=scene, progress=progress, checkpoint_every=checkpoint_every)
+    expected = "a checkpoint of vofem.simulate"
+    found = identity_of(path_of(path, expected))
+    with reading(path, expected) as file:
+        record = read_tree(checked_group(file, (CHECKPOINT,), FORMAT, expected)["run"], decode)
+    scene = restored_scene(record["scene"], scene, "resume", "checkpoint")
+    writers = writers_of(target(path, SUFFIXES), scene, found)
+    return run_plan(scene, record["plan"], progress, writers, checkpoint_every, record["snapshot"])

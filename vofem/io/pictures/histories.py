@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vofem._validate import wrong
+from vofem._validate import listed, wrong
 from vofem.arrays import Array
 from vofem.bodies.base import Point
 from vofem.bodies.path import TravellingPoint
@@ -205,8 +205,7 @@ def _share(row: Array) -> None:
 
 def _contacts(result: Result, points: list[Point], wanted: Any) -> list[Contact | RigidStop]:
     if wanted is not None:
-        names = [wanted] if isinstance(wanted, str) or not isinstance(wanted, Iterable) else list(wanted)
-        held = {result.contacts[name].name for name in names}
+        held = {result.contacts[name].name for name in listed(wanted)}
         return [contact for contact in all_contacts(result.scene) if contact.name in held]
     bodies = {point.body.name for point in points}
     of_bodies = [c for c in result.scene.contacts if any(p.body.name in bodies for p in c.points())]
@@ -217,7 +216,7 @@ def _contacts(result: Result, points: list[Point], wanted: Any) -> list[Contact 
 
 
 def _points(wanted: Any) -> list[Point]:
-    points = list(wanted) if isinstance(wanted, Iterable) and not isinstance(wanted, str) else [wanted]
+    points = listed(wanted)
     for point in points:
         if not isinstance(point, Point):
             raise wrong("point", repr(point), "beam.at(x) or a Mass")

@@ -22,7 +22,7 @@ import numpy as np
 
 from vofem._validate import array, number
 from vofem.errors import ArgumentError, SceneFileError
-from vofem.files.hdf5 import RUN, Blocks, checked_group, mark_format, reading, write_rows, writing
+from vofem.files.hdf5 import RUN, Blocks, checked_group, mark_format, write_rows, writing
 from vofem.files.whole import refuse_existing, target, try_to_write
 from vofem.histories import Energy
 from vofem.integrators.base import Energies, Samples, Solution
@@ -177,12 +177,6 @@ def _write_toml(group: h5py.Group, result: Result, goal: Path) -> None:
     except SceneFileError as error:
         text = "\n".join(f"# {line}" for line in str(error).splitlines()) + "\n"
     write_text(group, "scene.toml", text)
-
-
-def load(path: str | os.PathLike[str]) -> Result:
-    """Return the Result that `Result.save` has written; see `vofem.load`."""
-    with reading(path) as file:
-        return read(file)
 
 
 def read(file: h5py.File, scene: Scene | None = None) -> Result:
