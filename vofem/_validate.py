@@ -15,6 +15,9 @@ from vofem.errors import ArgumentError
 #: Largest magnitude taken for a physical quantity. Cubes and ratios of such numbers stay finite.
 HUGE = 1e60
 
+#: Largest number of things, such as elements or times, of which a number says how many there are.
+MANY = 10_000_000
+
 #: Smallest magnitude taken for a positive one.
 TINY = 1e-60
 
@@ -114,10 +117,12 @@ def number(
     return result
 
 
-def whole(what: str, value: Any, least: int = 1) -> int:
-    """Return `value` as an int of at least `least`, or raise `ArgumentError` naming `what`."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise wrong(what, repr(value), f"a whole number, {least} or more")
+def whole(what: str, value: Any, least: int = 1, most: int | None = None) -> int:
+    """Return `value` as an int of at least `least` and at most `most`, or raise `ArgumentError` naming `what`."""
+    sound = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not sound or value < least or (most is not None and value > most):
+        limits = f", {least} or more" if most is None else f" from {least} to {most}"
+        raise wrong(what, repr(value), f"a whole number{limits}")
     return int(value)
 
 
@@ -140,18 +145,6 @@ def choice(what: str, value: Any, allowed: tuple[str, ...]) -> str:
     if isinstance(value, str) and value in allowed:
         return value
     raise wrong(what, repr(value), one_of(allowed), nearest(value, allowed))
-
-
-def several(what: str, given: Any, kind: type[T], made_by: str) -> list[T]:
-    """Return one thing of a kind, or several of them, as a list.
-
-    `what`: the argument, such as ``"locus: curves"``.
-    `made_by`: the function that returns such things, for the message.
-    """
-    found = [given] if isinstance(given, kind) or not isinstance(given, Iterable) else list(given)
-    if not found or not all(isinstance(one, kind) for one in found):
-        raise wrong(what, repr(given), f"what {made_by} returns, or several of these")
-    return found
 
 
 def public(*classes: type) -> None:

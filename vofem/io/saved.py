@@ -42,24 +42,22 @@ def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
     StorageError
         If the file is missing, of another kind, damaged, or of another format.
     ArgumentError
-        If the scene is not the same, or the file holds a branch or a locus, which keep their scenes.
+        If the scene is not the same, or is given with a branch, a locus or a sweep, which need none.
     MissingCallableError
         If the run has bodies or effects of other classes and the scene was not given.
     """
-    from vofem.files.hdf5 import reading
+    from vofem.files.hdf5 import BRANCH, FIT, KINDS, LOCUS, SWEEP, kind_of, reading
     from vofem.io.storage import branch_file, fit_file, run_file
-    from vofem.studies.sweep.store import holds, stored_sweep
+    from vofem.studies.sweep.store import stored_sweep
 
     with reading(path) as file:
-        if fit_file.holds(file):
-            return fit_file.read(file, scene)
-        if not holds(file):
-            what = branch_file.holds(file)
-            if not what:
-                return run_file.read(file, scene)
-            if scene is not None:
-                raise ArgumentError(f"load: {path} holds a {what} with its scenes, expected a run; leave out scene=")
+        kind = kind_of(file)
+        if scene is not None and kind in (BRANCH, LOCUS, SWEEP):
+            raise ArgumentError(f"load: {path} is {KINDS[kind]} without a scene; leave out scene=")
+        if kind in (BRANCH, LOCUS):
             return branch_file.read(file)
+        if kind != SWEEP:
+            return (fit_file if kind == FIT else run_file).read(file, scene)
     return stored_sweep(Path(path))
 
 

@@ -44,9 +44,9 @@ def time_history(
     """Draw the displacement of points over time, and the stiffness K_eq of contacts below it.
 
     Times at which a contact is closed are shaded. A dashed line shows the displacement at which it closes, but for
-    contacts that travel. A motion
-    with very many oscillations would be a solid block, so its envelope is drawn: the least and the largest displacement
-    in each of up to 400 parts of the window. Below it is then the share of each part in which contacts are closed.
+    contacts that travel. A motion with very many oscillations would be a solid block, so its envelope is drawn: the
+    least and the largest displacement in each of up to 400 parts of the window. Below it is then the share of each part
+    in which contacts are closed.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def _share(row: Array) -> None:
 
 def _contacts(result: Result, points: list[Point], wanted: Any) -> list[Contact | RigidStop]:
     if wanted is not None:
-        names = [wanted] if isinstance(wanted, (str, Contact, RigidStop)) else list(wanted)
+        names = [wanted] if isinstance(wanted, str) or not isinstance(wanted, Iterable) else list(wanted)
         held = {result.contacts[name].name for name in names}
         return [contact for contact in all_contacts(result.scene) if contact.name in held]
     bodies = {point.body.name for point in points}

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from vofem.errors import OutputError, StorageError
-from vofem.files.hdf5 import check_format, mark_format, reading, writing
+from vofem.errors import OutputError
+from vofem.files.hdf5 import CHECKPOINT, checked_group, mark_format, reading, writing
 from vofem.files.whole import path_of, target, try_to_write
 from vofem.io.storage.records import decode, encoder, restored_scene, scene_record
 from vofem.io.storage.tree import read_tree, write_tree
@@ -72,7 +72,7 @@ class _Writers:
                     "checkpoint of its own"
                 )
             with writing(self.goal, overwrite=True) as blocks:
-                own = blocks.file.create_group("vofem_checkpoint")
+                own = blocks.file.create_group(CHECKPOINT)
                 mark_format(own, FORMAT)
                 record = {"scene": kept, "plan": plan, "snapshot": snapshot}
                 write_tree(own.create_group("run"), record, encoder(times))
@@ -92,12 +92,7 @@ def resume(
     expected = "a checkpoint of vofem.simulate"
     found = _identity(path_of(path, expected))
     with reading(path, expected) as file:
-        if "vofem_checkpoint" not in file:
-            kind = "a saved run: read it with vofem.load" if "vofem" in file else "an HDF5 file of another program"
-            raise StorageError(f"{file.filename} is {kind}; expected {expected}")
-        own = file["vofem_checkpoint"]
-        check_format(own, FORMAT)
-        record = read_tree(own["run"], decode)
+        record = read_tree(checked_group(file, (CHECKPOINT,), FORMAT, expected)["run"], decode)
     scene = restored_scene(record["scene"], scene, "resume", "checkpoint")
     writers = _Writers(target(path, _SUFFIXES), scene, found)
     return run_plan(scene, record["plan"], progress, writers, checkpoint_every, record["snapshot"])
