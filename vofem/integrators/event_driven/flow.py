@@ -43,7 +43,6 @@ class Start:
     velocity: Array
     #: Contact status just after `time`. By default it follows from the state. Shape (n_contacts,).
     status: Status | None = None
-    touching: int | None = None  #: A contact that switches at `time`, so that it is exactly at its gap.
 
 
 @dataclass(frozen=True)
@@ -157,7 +156,7 @@ def flow(
         )  # fmt: skip
     else:
         status = start.status
-        solution.begin_at(status, displacement, start.touching)
+        solution.begin_with(status)
     solution.since = t
     follower = follower_of(solution, t, status, displacement, velocity, PIN_FRACTION, most_events)
     while follower.time < stop:

@@ -276,14 +276,9 @@ class EventSolution:
             self._bounces = (self.record.events, self.record.segments), found, begun
         return self._bounces[1]
 
-    def begin_at(self, status: Status, displacement: Array, touching: int | None = None) -> None:
-        """Begin with a known status in a modal displacement; a contact that has just switched is at its gap."""
+    def begin_with(self, status: Status) -> None:
+        """Begin with a known status, shape (n_contacts,)."""
         self._initial = status
-        laws = self.system.contacts
-        if laws is not None and touching is not None:
-            gaps = self.space.contacts @ displacement - laws.gap
-            gaps[touching] = 0.0
-            self.gaps_now = gaps
 
     def _offsets(self, times: Array) -> Array:
         """Return what is added to the contacts' coordinates at times, m, shape (n_contacts, n_times)."""
