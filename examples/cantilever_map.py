@@ -32,7 +32,7 @@ def scene_at(omega: float, gap: float) -> vf.Scene:
 
 def main(output: Path, count: int = 5) -> vf.StabilityMap:
     """Draw the map of `count` frequencies and gaps."""
-    omegas, gaps = np.linspace(1.0, 7.0, count), np.linspace(0.005, 0.2, count)
+    omegas, gaps = np.linspace(1.0, 7.0, count), np.linspace(0.01, 0.2, count)
     # Few runs are over before processes have started.
     executor = "serial" if count < 20 else None
     found = vf.stability_map(scene_at, omegas, gaps, executor=executor, store=output / f"cantilever-map-{count}.h5")

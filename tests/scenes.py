@@ -14,13 +14,16 @@ from vofem.verification.cases.published import entry as quantity
 from vofem.verification.cases.published import published
 
 __all__ = [
-    "FREE", "LAWS", "SHORT", "PowerLossError", "alone", "between_stops", "broken_off", "cantilever", "in_a_row",
-    "ledger_error", "lose_power", "on_stop", "paper_beam", "published", "quantity", "reference", "reference_case",
-    "two_masses",
+    "FREE", "LAWS", "SHORT", "WRONG_SIZES", "PowerLossError", "alone", "between_stops", "broken_off", "cantilever",
+    "in_a_row", "ledger_error", "lose_power", "on_stop", "paper_beam", "published", "quantity", "reference",
+    "reference_case", "two_masses",
 ]  # fmt: skip
 
 DATA = Path(__file__).parent / "data"
 LAWS = ("displacement", "penetration")
+
+#: Sizes that no picture and no movie can have.
+WRONG_SIZES = ((10, 10), (0, 0), (-400, 300), (1e9, 1e9), (float("inf"), 300), ("a", "b"), (300,), 300, "large")
 
 #: Scene files of a short run: a mass that swings, and one that hits a stop.
 FREE = """

@@ -11,6 +11,9 @@ import vofem as vf
 
 OFFSET = 1.5
 
+#: What slept to its end.
+SLEPT: list[str] = []
+
 
 def amplitude(omega, gap):
     """Run an oscillator against a stop; larger matrix products show the number of threads in their last bits."""
@@ -95,6 +98,7 @@ def trouble(kind):
         return {"y": float("nan")}
     if kind == "sleep":
         time.sleep(60.0)
+        SLEPT.append(kind)
     if kind == "loop":
         while True:
             pass

@@ -56,7 +56,7 @@ def test_counters_of_a_bare_beam(method):
 def test_builders_of_absent_effects_are_never_called(method, monkeypatch):
     for name in (
         "add_stiffness", "add_strains", "add_damping", "add_mass", "add_rayleigh", "add_modal_damping",
-        "add_point_load", "add_body_load", "add_acceleration", "add_contact", "add_law", "add_base", "add_tied_mass",
+        "add_point_load", "add_body_load", "add_acceleration", "add_contact", "add_law", "add_tied_mass",
         "add_travelling_load", "add_travelling_law",
     ):  # fmt: skip
         monkeypatch.setattr(SystemBuilder, name, refuse)

@@ -114,6 +114,41 @@ CASES = [
 ]  # fmt: skip
 
 
+def run():
+    b, short = scene(lambda b: vf.Contact(b.at(1.0), gap=0.1, stiffness=1.0, side="below", acts_on="penetration"),
+                     lambda b: vf.PointLoad(b.at(1.0), -1.0))  # fmt: skip
+    return b, vf.simulate(short, 1.0)
+
+
+def in_this_process(study, *arguments, **more):
+    return study(*arguments, executor="serial", **more)
+
+
+# What is no list, no name and no series where one is expected.
+CASES += [
+    *((lambda v=v: run()[1].along_shape(v), "no body is named") for v in (3, [], {}, ["deck"], np.ones((1, 2)))),
+    *((lambda v=v: run()[1].contacts[v], "no contact is named") for v in (3, [], {"a": 1}, np.ones(2))),
+    (lambda: run()[1].displacement(run()[0].at(1.0), np.ones((2, 2))),
+     r"t is an array of shape \(2, 2\), expected a time"),
+    *((lambda v=v: next(iter(run()[1].contacts.values())).first_impacts(v), "first_impacts: count is")
+      for v in (0, -1.5, "x", [], None)),
+    *((lambda v=v: next(iter(run()[1].contacts.values())).first_impacts(3, v), "first_impacts: tolerance is")
+      for v in (-1.0, "x", [], None)),
+    *((lambda v=v: vf.modes(scene()[1], 2, closed=v), "no contact is named") for v in (3, None, contact())),
+    *((lambda v=v: run()[1].to_xarray(v), "to_xarray: a point is") for v in (3, NAN, object())),
+    *((lambda v=v: vf.quasi_static(scene()[1], v), "load_factors") for v in ([], "x", [[1.0, 2.0]])),
+    *((lambda v=v: in_this_process(vf.bifurcation_diagram, lambda w: scene()[1], v), "bifurcation_diagram: values")
+      for v in ("x", {}, [], [[1.0]], [NAN], object())),
+    *((lambda v=v: in_this_process(vf.stability_map, lambda x, y: scene()[1], [1.0], v), "stability_map: y")
+      for v in ("x", {}, [], [[1.0]], [NAN])),
+    *((lambda v=v: in_this_process(vf.basins, scene()[1], v), "basins: grid is .* expected a dict")
+      for v in (3, [1.0])),
+    *((lambda v=v: vf.accuracy.work_precision(scene()[1], 0.1, **v), words) for v, words in (
+        ({"dt": -1.0}, "work_precision: dt"), ({"tol": "x"}, "work_precision: tol"), ({"methods": 3}, "methods is 3"),
+        ({"elements": 2.5}, "work_precision: elements"), ({"point": np.ones(2)}, "work_precision: point"))),
+]  # fmt: skip
+
+
 # What a first user got wrong.
 CASES += [
     (lambda: vf.Scene(beam()), r"bodies is Beam 'deck': .* write \[\.\.\.\] around it"),

@@ -89,7 +89,7 @@ def test_a_triple_root_under_load_with_events():
         vf.PointLoad(b, vf.Constant(0.4)),
     ]
     scene = vf.Scene([a, b], effects, initial={b: (0.0, 1.0)})
-    result = vf.simulate(scene, 20.0, method="event_driven")
+    result = vf.simulate(scene, 8.0, method="event_driven")
     assert result.counters.events > 4
     assert result.energy.balance_error < 1e-11
 

@@ -280,6 +280,23 @@ def test_missing_and_foreign_files(tmp_path):
         vf.load(3)
 
 
+def test_files_of_other_kinds_are_named_with_the_function_that_reads_them(tmp_path):
+    mass = vf.Mass(1.0, 1.0, name="mass")
+    scene = vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, 0.5))])
+    checkpoint, run, branch, store = (tmp_path / name for name in ("a.checkpoint", "r.h5", "b.h5", "s.h5"))
+    vf.simulate(scene, 1.0, method="energy_conserving", dt=0.1, checkpoint=checkpoint, checkpoint_every=0.0).save(run)
+    vf.continuation(lambda w: scene.replace(scene.effects[0], f=vf.Sine(1.0, w)), 0.5, 0.51).save(branch)
+    vf.sweep(lambda x: {"y": x}, {"x": [1.0]}, executor="serial", store=store)
+    with pytest.raises(vf.StorageError, match=r"is a checkpoint, from which vofem\.resume goes on; expected a run"):
+        vf.load(checkpoint)
+    for path, what in ((run, "a saved run"), (branch, "a branch of steady states"), (store, "the store of a sweep")):
+        with pytest.raises(vf.StorageError, match=rf"is {what}, which vofem\.load reads; expected a checkpoint"):
+            vf.resume(path)
+    for path in (branch, store):
+        with pytest.raises(vf.ArgumentError, match="leave out scene="):
+            vf.load(path, scene=scene)
+
+
 @pytest.mark.parametrize("number", [1, 99])
 def test_another_format_is_refused_by_its_number(old, number):
     path, _ = old

@@ -1,11 +1,13 @@
 """Diagrams over many scenes, against orbits found by shooting and known multistability."""
 
+from dataclasses import replace
+
 import diagram_functions as functions
 import numpy as np
 import pytest
 
 import vofem as vf
-from vofem.studies.diagrams.attractors import _letters
+from vofem.io.plot import state_map
 
 #: NLvib's example 03 between its grazing at 0.6534 and its fold at 0.7556: the linear and the impacting motion coexist.
 VALUES = [0.63, 0.67, 0.7]
@@ -68,8 +70,8 @@ def test_a_store_gives_the_same_diagram_without_computing(tmp_path, monkeypatch)
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"values": []}, "values is"),
-        ({"values": [0.5, float("nan")]}, "values is"),
+        ({"values": []}, "values has shape"),
+        ({"values": [0.5, float("nan")]}, "values holds nan"),
         ({"periods": 0}, "periods is 0"),
         ({"skip": -1}, "skip is -1"),
         ({"build": functions.transient}, "every run failed, the first with"),
@@ -108,10 +110,6 @@ def test_basins_of_one_body_need_no_start_and_others_do():
         vf.basins(functions.two_masses(0.6), {"q1": [0.0]}, executor="serial")
 
 
-def test_letters_go_on_after_z():
-    assert [_letters(k) for k in (1, 26, 27, 52, 53)] == ["a", "z", "aa", "az", "ba"]
-
-
 def test_a_map_of_stability_holds_the_orbits_of_periodic():
     found = vf.stability_map(functions.oscillator, [0.5, 1.2], [0.0, 0.2], executor="serial")
     orbit = vf.periodic(functions.oscillator(1.2, 0.2))
@@ -124,11 +122,11 @@ def test_a_map_of_stability_holds_the_orbits_of_periodic():
 
 
 def test_a_map_of_steady_states_hatches_the_unstable_cells(tmp_path):
-    from vofem.io.pictures.studies import _cells, state_map
-
     found = vf.stability_map(functions.oscillator, [0.5, 1.2], [0.0, 0.2], executor="serial")
     assert state_map(found, tmp_path / "map.svg", quantity="multiplier", labels=("w [rad/s]", "f [N]")).exists()
-    (cell,) = _cells(np.array([1.0, 2.0, 4.0]), np.array([0.0]), np.array([[False], [True], [False]]))
-    assert cell.get_bbox().bounds == (1.5, -0.5, 1.5, 1.0)
+    axes = state_map(replace(found, stable=np.array([[1.0, 1.0], [0.0, 1.0]])))
+    (cell,) = axes.collections[-1].get_paths()
+    assert cell.get_extents().bounds == pytest.approx((0.85, -0.1, 0.7, 0.2))
+    assert len(state_map(found).collections) == len(axes.collections) - 1
     with pytest.raises(vf.ArgumentError, match="quantity"):
         state_map(found, tmp_path / "map.svg", quantity="phase")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import vofem as vf
+from vofem.assembly.bases import Base
 
 
 def test_foundation_frequencies():
@@ -91,6 +92,37 @@ def test_supports_follow_one_motion():
     t = np.linspace(0.0, 5.0, 11)
     expected = -0.125 * (1.0 - np.cos(2.0 * t)) - (np.sin(3.0 * t) - 1.5 * np.sin(2.0 * t)) / (4.0 - 9.0)
     np.testing.assert_allclose(vf.simulate(scene, 5.0, times=t).displacement(body), expected, atol=1e-14)
+
+
+class Shaker:
+    """The motion of a base, as an effect written outside."""
+
+    def __init__(self, body, f):
+        self.base = Base(body, f, 0.0, 0.0, "Shaker")
+
+    def points(self):
+        return ()
+
+    def compile(self, builder):
+        builder.add_acceleration(-1.0, self.base.acceleration, "Shaker", self.base.body)
+
+    def describe(self):
+        return "Shaker"
+
+
+def test_bases_of_effects_written_outside_are_those_of_base_motions():
+    mass, other, f = vf.Mass(1.0, 4.0, name="mass"), vf.Mass(1.0, 4.0, name="other"), vf.Sine(1.0, 2.0)
+    with pytest.raises(vf.ArgumentError, match=r"Shaker: supports cannot follow two motions"):
+        vf.Scene([mass], [vf.BaseMotion(mass, f), Shaker(mass, f)])
+    with pytest.raises(vf.ArgumentError, match="joins bodies of which only one has this"):
+        vf.Scene([mass, other], [Shaker(mass, f), vf.Spring(mass, other, stiffness=1.0)])
+    with pytest.raises(vf.ArgumentError, match=r"Shaker: its body is not in the scene, which holds Mass 'mass'"):
+        vf.Scene([mass], [Shaker(other, f)])
+    stop = vf.Contact(mass, gap=0.1, stiffness=50.0, side="above", acts_on="penetration", frame="space", name="stop")
+    built_in = vf.BaseMotion(mass, f, displacement=0.0, velocity=0.0)
+    own, same = (vf.simulate(vf.Scene([mass], [one, stop]), 3.0) for one in (Shaker(mass, f), built_in))
+    assert own.contacts["stop"].closings.size
+    assert np.array_equal(own.displacement(mass), same.displacement(mass))
 
 
 def test_a_nonlinear_spring_is_left_to_a_stepping_method():

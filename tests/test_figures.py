@@ -134,6 +134,33 @@ def test_wrong_axes_are_refused(run):
         plot.impact_statistics(result, ax=Figure().subplots())
 
 
+def test_what_is_no_subject_of_a_picture_is_refused(run, orbit, tmp_path):
+    point, result = run
+    for draw, wrong, words in (
+        (plot.time_history, 3, "time_history: result is 3, expected Result, or mapping of titles to Results"),
+        (plot.time_history, result.scene, "expected Result, or mapping"),
+        (plot.time_history, {}, "result is {}, expected Result"),
+        (plot.time_history, {"one": 3}, "expected Result"),
+        (plot.spectrum, [result], "spectrum: result is .* expected Result"),
+        (plot.phase_portrait, [], "phase_portrait: orbit is .* expected PeriodicOrbit, or several of them"),
+        (plot.phase_portrait, [orbit, result], "expected PeriodicOrbit, or several of them"),
+        (plot.response_curve, orbit, "expected Branch, or several of them"),
+        (plot.poincare_section, orbit, "expected PoincareSection"),
+    ):
+        with pytest.raises(vf.ArgumentError, match=words):
+            draw(wrong, point, tmp_path / "a.png")
+    for draw in (plot.force_histogram, plot.event_raster, plot.fit, plot.sweep_curves, plot.basin_map):
+        with pytest.raises(vf.ArgumentError, match=f"{draw.__name__}: .* is 3, expected "):
+            draw(3, path=tmp_path / "a.png")
+    with pytest.raises(vf.ArgumentError, match=r"shapes: times has shape \(0,\), expected one or more numbers"):
+        plot.shapes(result, [], tmp_path / "a.png")
+    with pytest.raises(vf.ArgumentError, match="no contact is named '3'"):
+        plot.time_history(result, point, tmp_path / "a.png", contact=3)
+    with pytest.raises(vf.ArgumentError, match="bins is 1000000000000, expected a whole number from 1 to 100000"):
+        plot.impact_statistics(result, path=tmp_path / "a.png", bins=10**12)
+    assert not list(tmp_path.iterdir())
+
+
 def test_style_sheets_restyle_figures(run):
     point, result = run
     plain = plot.time_history(result, point, ax=None)[0]

@@ -89,6 +89,69 @@ def test_derivatives_of_a_run_agree_with_differences(restitution: float) -> None
             refused()
 
 
+def test_a_damper_that_an_impact_elsewhere_turns_around_has_the_derivatives_of_differences() -> None:
+    """Its force jumps at impacts of the body on a rigid stop, whose times move; of some of them it is largest there."""
+
+    def pressed(gap: float) -> tuple[Any, Any]:
+        body = vf.Mass(1.0, stiffness=20.0, name="body")
+        wall = vf.RigidStop(body, gap=gap, restitution=0.8, side="above", name="wall")
+        pad = vf.Contact(body, gap=0.05, stiffness=50.0, damping=6.0, side="above", acts_on="penetration", name="pad")
+        scene = vf.Scene([body], [pad, wall, vf.PointLoad(body, vf.Sine(15.0, 3.0))], {body: (0.0, 2.0)})
+        result = vf.simulate(scene, 3.0, method="event_driven", times=[0.0])
+        return result.contacts["pad"].impacts, vf.sensitivities(result, [vf.Parameter(wall, "gap")])
+
+    impacts, found = pressed(0.2)
+    near, far = ([pressed(0.2 + sign * step)[0] for sign in (1.0, -1.0)] for step in (1e-5, 2e-5))
+    for name in ("impulse", "peak_force"):
+        one, two = ((getattr(a, name) - getattr(b, name)) / step for (a, b), step in ((near, 2e-5), (far, 4e-5)))
+        mine = getattr(found.contacts["pad"].impacts, name)[:, 0]
+        np.testing.assert_allclose(mine, (4.0 * one - two) / 3.0, rtol=1e-6, atol=1e-7)
+    at_wall = np.isin(impacts.peak_time, pressed(0.2)[1].result.contacts["wall"].closings)
+    assert at_wall.any()
+    assert not at_wall.all()
+
+
+@pytest.mark.parametrize("restitution", [0.6, 0.0])
+def test_a_body_that_rests_on_the_floor_from_the_start_is_struck(restitution: float) -> None:
+    """The ball that strikes it is thrown back after several impacts at one time, at which the floor is hit too."""
+
+    def struck(height: float) -> tuple[vf.Result, list[vf.Mass]]:
+        body, ball = vf.Mass(1.0, name="body"), vf.Mass(0.7, name="ball")
+        floor = vf.RigidStop(body, gap=0.0, restitution=restitution, side="below", name="floor")
+        hit = vf.RigidStop(body, ball, gap=0.1, restitution=0.6, name="hit")
+        scene = vf.Scene([body, ball], [vf.Gravity(9.81), floor, hit], {body: (0.0, 0.0), ball: (height, 0.0)})
+        return vf.simulate(scene, 0.32, method="event_driven", times=[0.2, 0.3]), [body, ball]
+
+    result, bodies = struck(0.3)
+    assert result.contacts["floor"].pinned[0, 0] == 0.0
+    found = vf.sensitivities(result, [vf.Parameter("ball", "initial.displacement")])
+    ends = [struck(0.3 + step)[0] for step in (1e-6, -1e-6)]
+    for k, body in enumerate(bodies):
+        one, two = (each.displacement(each.scene.bodies[k]) for each in ends)
+        np.testing.assert_allclose(found.displacement(body)[:, 0], (one - two) / 2e-6, atol=1e-8)
+    one, two = (each.contacts["hit"].closings for each in ends)
+    np.testing.assert_allclose(found.contacts["hit"].closings[:, 0], (one - two) / 2e-6, rtol=1e-7)
+
+
+def test_bodies_that_hit_stops_at_the_same_time_have_the_derivatives_of_one_alone() -> None:
+    """One of them bounces, the other one comes to rest."""
+    pair = [vf.Mass(1.0, stiffness=20.0, damping=0.3, name=name) for name in ("one", "two")]
+    stops = [vf.RigidStop(body, gap=0.1, restitution=e, side="above", name=f"stop of {body.name}")
+             for body, e in zip(pair, (0.6, 0.0), strict=True)]  # fmt: skip
+    loads = [vf.PointLoad(body, vf.Sine(9.0, 4.0)) for body in pair]
+    found = []
+    for count in (1, 2):
+        scene = vf.Scene(pair[:count], [*stops[:count], *loads[:count]], {body: (0.0, 1.0) for body in pair[:count]})
+        result = vf.simulate(scene, 4.0, method="event_driven", times=np.linspace(0.0, 4.0, 21))
+        found.append(vf.sensitivities(result, [vf.Parameter("one", "stiffness"), vf.Parameter("stop of one", "gap")]))
+    alone, both = found
+    np.testing.assert_allclose(both.displacement(pair[0]), alone.displacement(pair[0]), atol=1e-11)
+    stop = [each.contacts["stop of one"] for each in found]
+    np.testing.assert_allclose(stop[1].closings, stop[0].closings, atol=1e-9)
+    np.testing.assert_allclose(stop[1].impacts.impulse, stop[0].impacts.impulse, atol=1e-9)
+    assert not np.any(both.displacement(pair[1]))
+
+
 def test_a_bouncing_ball_has_the_derivatives_of_its_closed_form() -> None:
     """Times t_n = t_0 (1 + 2 e (1 - e^n)/(1 - e)), up to their accumulation, by e, g's load and the height."""
     e, height, g, mass = 0.6, 0.5, 9.81, 1.3

@@ -8,7 +8,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 import pyvista
-from scenes import paper_beam
+from scenes import WRONG_SIZES, paper_beam
 
 import vofem as vf
 from vofem.io import show, snapshot, vtk
@@ -83,6 +83,9 @@ def test_a_snapshot_shows_the_motion_of_its_time(run, tmp_path):
             snapshot(*arguments, tmp_path / "a.png")
     with pytest.raises(vf.ArgumentError, match="ends in"):
         snapshot(result, 1.0, tmp_path / "a.jpg")
+    for size in WRONG_SIZES:
+        with pytest.raises(vf.ArgumentError, match="a picture's size is"):
+            snapshot(result, 1.0, tmp_path / "a.png", size=size)
 
 
 def test_without_a_graphics_driver_a_snapshot_is_refused_and_says_what_to_install(tmp_path):

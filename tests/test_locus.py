@@ -164,9 +164,9 @@ def test_a_locus_is_saved_loaded_and_drawn(between_flips, tmp_path):
     assert again.special[0].orbit.multipliers == pytest.approx(found.special[0].orbit.multipliers)
     assert plot.locus(again, tmp_path / "locus.png").exists()
     assert "turn" in repr(again)
-    with pytest.raises(ArgumentError, match="holds a locus"):
+    with pytest.raises(ArgumentError, match=r"is a locus .* leave out scene="):
         vf.load(tmp_path / "locus.h5", scene=damped(3.0, 1.2))
-    with pytest.raises(ArgumentError, match="expected what vf"):
+    with pytest.raises(ArgumentError, match="expected Locus, or several of them"):
         plot.locus([])
 
 

@@ -35,7 +35,7 @@ def test_a_motion_that_does_not_settle_is_told(monkeypatch):
     monkeypatch.setattr("vofem.studies.steady.steady_state.MOST_PERIODS", 12)
     with pytest.raises(vf.ConvergenceError, match=r"subharmonic or chaotic motion.*vofem\.continuation"):
         vf.periodic(rattler(0.5, damping=1.0))
-    with pytest.raises(vf.ConvergenceError, match=r"continuation: .*another start, at which the motion is regular"):
+    with pytest.raises(vf.ConvergenceError, match=r"continuation: .*from where the motion is regular"):
         vf.continuation(lambda omega: rattler(omega, damping=1.0), 0.5, 0.6)
 
 

@@ -67,18 +67,19 @@ def test_many_times_are_sampled_as_each_alone(name):
         times = np.sort(np.concatenate([times, events + 1e-9, events + 1e-6]))
         (z, v), (gaps, _, _) = solution.modal(times), solution.pressed(times)
         starts = solution.segment_starts
-        segments = np.searchsorted(starts, times, side="right") - 1
-        for index in np.unique(segments).tolist():
-            mine = np.flatnonzero(segments == index)
-            motion, tau = solution.motion(index), times[mine] - starts[index]
-            displacement, velocity = motion.mode_changes(tau)
+        within, segments = np.searchsorted(starts, times, side="right") - 1, solution.segments
+        for index in np.unique(within).tolist():
+            mine = np.flatnonzero(within == index)
+            own, tau = np.array([index]), times[mine] - starts[index]
+            regime, _ = next(solution.regimes(own))
+            changes = regime.changes(solution.begins(regime, own), 0 * mine, tau)
+            displacement, velocity = (part.T for part in regime.to_modes(changes))
+            first, rate = (part[index][:, None] for part in (segments.displacement, segments.velocity))
             moved = solution.space.contacts @ displacement
             size = np.abs(moved) + 1e-12 * np.max(np.abs(solution.space.contacts)) * tau
-            assert np.all(
-                np.abs(gaps[:, mine] - solution.segments.gaps[index][:, None] - moved) <= 1e-11 * size + 1e-16
-            )
-            assert np.max(np.abs(z[:, mine] - motion.displacement[:, None] - displacement)) < 1e-14 * np.max(np.abs(z))
-            assert np.max(np.abs(v[:, mine] - motion.velocity[:, None] - velocity)) < 1e-13 * np.max(np.abs(v))
+            assert np.all(np.abs(gaps[:, mine] - segments.gaps[index][:, None] - moved) <= 1e-11 * size + 1e-16)
+            assert np.max(np.abs(z[:, mine] - first - displacement)) < 1e-14 * np.max(np.abs(z))
+            assert np.max(np.abs(v[:, mine] - rate - velocity)) < 1e-13 * np.max(np.abs(v))
 
 
 def test_the_samples_of_many_times_outlive_energies_at_one():

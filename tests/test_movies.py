@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from orbit_scenes import bilinear
 from PIL import Image
-from scenes import paper_beam
+from scenes import WRONG_SIZES, paper_beam
 
 import vofem as vf
 from vofem import cli
 from vofem.io import animate
-from vofem.io.movies import SideView, true_rate
+from vofem.io.movies import VIEWS, SideView, true_rate
 from vofem.io.pictures.drawing import CLOSED
 from vofem.io.pictures.sketch import sketch
 from vofem.io.pictures.snapshot import snapshots
@@ -165,6 +165,7 @@ def test_ctrl_c_leaves_the_earlier_file(run, tmp_path):
         ({"speed": 1e-6}, "at most 3000"),
         ({"window": (2.0, 9.0)}, "window"),
         ({"progress": "yes"}, "animate: progress"),
+        *(({"size": size, "view": view}, "a picture's size is") for size in WRONG_SIZES for view in VIEWS),
     ],
 )
 def test_wrong_arguments_are_refused(run, arguments, words, tmp_path):

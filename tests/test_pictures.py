@@ -3,7 +3,7 @@
 import matplotlib.image
 import numpy as np
 import pytest
-from scenes import cantilever, on_stop, paper_beam
+from scenes import WRONG_SIZES, cantilever, on_stop, paper_beam
 
 import vofem as vf
 from vofem.io.pictures import axes as picture_axes
@@ -309,8 +309,9 @@ def test_wrong_arguments(paper, tmp_path):
         render(result, float("nan"), tmp_path / "a.png")
     with pytest.raises(vf.ArgumentError, match="scene="):
         render(vf.equilibrium(result.scene), None, tmp_path / "a.png")
-    with pytest.raises(vf.ArgumentError, match="size"):
-        render(result, 1.0, tmp_path / "a.png", size=(10, 10))
+    for size in WRONG_SIZES:
+        with pytest.raises(vf.ArgumentError, match="a picture's size is"):
+            render(result, 1.0, tmp_path / "a.png", size=size)
 
 
 def test_numbers_read_well():

@@ -7,6 +7,7 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scenes import on_stop
 
 import vofem as vf
@@ -24,12 +25,12 @@ def figures(monkeypatch):
     """Keep the figures that are saved."""
     kept = []
 
-    def save(figure, goal):
+    def save(figure, *arguments, **options):
         kept.append(figure)
-        figure.savefig(goal)
-        return goal
+        saved(figure, *arguments, **options)
 
-    monkeypatch.setattr("vofem.io.pictures.axes.save", save)
+    saved = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", save)
     return kept
 
 

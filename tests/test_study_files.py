@@ -113,6 +113,7 @@ def test_points_that_fail_are_told(study, tmp_path, capsys):
         ("[0.1, 0.2]", "[0.1, 'x']", "with the value 'x'"),
         ("[0.1, 0.2]", "0.1", "expected an array of values, or { start"),
         ("count = 3", "count = 0", "expected numbers start and stop and a whole number count"),
+        ("count = 3", "count = 1000000000000", "a whole number count from 1 to 10000000"),
         ('amplitude = "m"', 'amplitud = "m"', "sweep.measure.size.amplitud: unknown key; did you mean 'amplitude'?"),
         ('amplitude = "m"', 'amplitude = "n"', "sweep.measure.size.amplitude: expected a point"),
         ('closings = "stop"', 'closings = "stopp"', "expected the name of a contact, one of ['stop']"),

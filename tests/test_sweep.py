@@ -154,8 +154,9 @@ def test_every_executor_gives_the_same_bits():
     # loky imports nothing of this folder by itself, as a worker elsewhere.
     with LokyExecutor(1, env={"PYTHONPATH": os.pathsep.join([str(TESTS), *sys.path])}) as loky:
         assert same(vf.sweep(functions.amplitude, GRID, executor=loky), expected)
-    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
-        client.run(sys.path.insert, 0, str(TESTS))
+    # Its processes are those of dask; a thread hears of the sweep in the same way.
+    way = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": ":0"}
+    with LocalCluster(**way) as cluster, Client(cluster) as client:
         assert same(vf.sweep(functions.amplitude, GRID, executor=client), expected)
 
 
@@ -260,9 +261,9 @@ def test_a_point_that_returns_nan_has_not_failed():
 
 @pytest.mark.parametrize("kind", ["sleep", "loop"])
 def test_a_point_that_hangs_ends_at_its_time_limit(kind):
-    begun = time.monotonic()
+    slept = len(functions.SLEPT)
     table = vf.sweep(functions.trouble, {"kind": ["fine", kind, "nan"]}, executor="serial", time_limit=0.3)
-    assert time.monotonic() - begun < 10.0
+    assert len(functions.SLEPT) == slept
     assert [one.index for one in table.failed] == [1]
     assert table.failed[0].error == "TimeLimitError: the point took longer than the time limit of 0.3 s"
 
@@ -617,7 +618,7 @@ def test_a_saved_run_is_no_store(tmp_path):
     vf.simulate(vf.Scene([mass], [vf.PointLoad(mass, 1.0)]), 1.0).save(tmp_path / "run.vtkhdf")
     (tmp_path / "run.vtkhdf").rename(path)
     before = path.read_bytes()
-    with pytest.raises(vf.StorageError, match="no store of a sweep"):
+    with pytest.raises(vf.StorageError, match=r"is a saved run, .*expected the store of a sweep"):
         vf.sweep(functions.square, {"x": [1]}, executor="serial", store=path)
     assert path.read_bytes() == before
 

@@ -165,10 +165,6 @@ def tried(law, start, phase, fineness=1.0):
     mass = vf.Mass(1.0, name="mass")
     effect = {
         "crushing": lambda: vf.CrushingStop(mass, gap=0.5, stiffness=1e4, linear_limit=1.0, side="above"),
-        "yielding": lambda: vf.BilinearSpring(mass, stiffness=1e4, linear_limit=0.5, hardening=0.0),
-        "cyclic": lambda: vf.HystereticSpring(
-            mass, stiffness=1e4, linear_limit=0.5, softening=vf.LinearSoftening(10.0), memory="cyclic"
-        ),
         "contact": lambda: vf.Contact(mass, gap=0.5, stiffness=1e4, side="above", acts_on="penetration"),
     }[law]()
     scene = vf.Scene([mass], [effect], {mass: start})
@@ -195,15 +191,6 @@ def test_a_step_across_an_impact_is_not_taken_for_resolved(law):
         assert tried(law, (0.5 - 0.3 * phase / 100.0, 1.0), phase)[0] == 0.0
     for phase in (10.0, 0.1):
         assert tried(law, (0.0, 1.0), phase)[0] == 0.0
-
-
-@pytest.mark.parametrize("law", ["yielding", "cyclic"])
-def test_a_step_in_which_a_spring_begins_to_yield_is_resolved(law):
-    """At its limit the spring's tangent falls: a step of a radian is too long for that, one of a hundredth is not."""
-    # An elongation just below the limit; of the second spring the tangent falls to a fifth.
-    assert tried(law, (0.499, 60.0), 1.0)[0] > 1.0
-    assert tried(law, (0.4999, 60.0), 0.01)[0] == 0.0
-    assert tried(law, (0.1, 0.01), 1.0)[0] == 0.0
 
 
 def test_a_finer_run_asks_for_shorter_steps():

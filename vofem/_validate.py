@@ -15,6 +15,9 @@ from vofem.errors import ArgumentError
 #: Largest magnitude taken for a physical quantity. Cubes and ratios of such numbers stay finite.
 HUGE = 1e60
 
+#: Largest number of things, such as elements or times, of which a number says how many there are.
+MANY = 10_000_000
+
 #: Smallest magnitude taken for a positive one.
 TINY = 1e-60
 
@@ -22,9 +25,15 @@ TINY = 1e-60
 T = TypeVar("T")
 
 
-def name_of(thing: Any) -> Any:
-    """Return the name of a thing that has one; anything else, such as a name, is returned as it is."""
-    return getattr(thing, "name", thing)
+def name_of(thing: Any) -> str:
+    """Return the name of a thing that has one, or the name itself; of anything else how it is shown, no name of any."""
+    name = getattr(thing, "name", thing)
+    return name if isinstance(name, str) else repr(thing)
+
+
+def listed(given: Any) -> list[Any]:
+    """Return one thing, such as a name, or several of them, as a list."""
+    return list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
 
 
 class Named(Mapping[str, T]):
@@ -114,10 +123,12 @@ def number(
     return result
 
 
-def whole(what: str, value: Any, least: int = 1) -> int:
-    """Return `value` as an int of at least `least`, or raise `ArgumentError` naming `what`."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise wrong(what, repr(value), f"a whole number, {least} or more")
+def whole(what: str, value: Any, least: int = 1, most: int | None = None) -> int:
+    """Return `value` as an int of at least `least` and at most `most`, or raise `ArgumentError` naming `what`."""
+    sound = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not sound or value < least or (most is not None and value > most):
+        limits = f", {least} or more" if most is None else f" from {least} to {most}"
+        raise wrong(what, repr(value), f"a whole number{limits}")
     return int(value)
 
 
@@ -135,23 +146,19 @@ def array(what: str, values: Any, *, shape: tuple[int, ...] | None = None) -> ND
     return result
 
 
+def series(what: str, values: Any) -> NDArray[np.float64]:
+    """Return one or more finite numbers as an array of shape (n,), or raise `ArgumentError` naming `what`."""
+    result = np.atleast_1d(array(what, values))
+    if result.ndim != 1 or not result.size:
+        raise ArgumentError(f"{what} has shape {result.shape}, expected one or more numbers, shape (n,)")
+    return result
+
+
 def choice(what: str, value: Any, allowed: tuple[str, ...]) -> str:
     """Return `value` if it is one of `allowed`, or raise `ArgumentError` with the nearest name."""
     if isinstance(value, str) and value in allowed:
         return value
     raise wrong(what, repr(value), one_of(allowed), nearest(value, allowed))
-
-
-def several(what: str, given: Any, kind: type[T], made_by: str) -> list[T]:
-    """Return one thing of a kind, or several of them, as a list.
-
-    `what`: the argument, such as ``"locus: curves"``.
-    `made_by`: the function that returns such things, for the message.
-    """
-    found = [given] if isinstance(given, kind) or not isinstance(given, Iterable) else list(given)
-    if not found or not all(isinstance(one, kind) for one in found):
-        raise wrong(what, repr(given), f"what {made_by} returns, or several of these")
-    return found
 
 
 def public(*classes: type) -> None:

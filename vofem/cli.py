@@ -221,14 +221,12 @@ def _picture_times(result: Result, output: OutputSettings) -> tuple[float, ...]:
     """
     import numpy as np
 
+    from vofem.io.pictures.histories import closed_intervals
+
     named = tuple(t for t in output.pictures if t <= result.times[-1])
     if named or output.pictures:
         return named
-    intervals = [
-        (float(history.closings[0]), float(history.openings[0]) if history.openings.size else float(result.times[-1]))
-        for history in result.contacts.values()
-        if history.closings.size
-    ]
+    intervals = [span for name in result.contacts for span in closed_intervals(result, name)[:1]]
     if intervals:
         middle = 0.5 * sum(min(intervals))
         # A stepping method may have stored few times; event_driven knows them all.
@@ -348,7 +346,7 @@ def _add_render(commands: Commands) -> None:
     render.add_argument("run", type=Path, help="file that vofem run --save or Result.save has written")
     render.add_argument("--output", type=Path, help="folder for the pictures (output/NAME of the run)")
     render.add_argument("--movie", type=Path, metavar="PATH", help="write a movie instead: .webp, .gif or .mp4")
-    render.add_argument("--view", default="side", help="of the movie: side, history or phase")
+    render.add_argument("--view", default="side", help="of the movie: side, history, phase or space")
     render.add_argument("--speed", type=float, help="seconds of the run in a second of the movie; 1 is real time")
     render.add_argument("--frames", type=int, help="number of frames, instead of --speed (150)")
     render.add_argument("--point", metavar="BODY@X", help="of histories and phase portraits")
@@ -360,9 +358,8 @@ def _render(arguments: argparse.Namespace) -> int:
     if arguments.movie is not None:
         return _movie(arguments)
     from vofem.io.scenes.settings import OutputSettings
-    from vofem.io.storage.run_file import load
 
-    result = load(arguments.run)
+    result = _loaded(arguments.run)
     for t in arguments.times:
         if not 0.0 <= t <= result.solution.t_end:
             raise ArgumentError(f"--times holds {t:g}, expected times from 0 to {result.solution.t_end:g} s")
@@ -372,15 +369,23 @@ def _render(arguments: argparse.Namespace) -> int:
     return FINE
 
 
+def _loaded(path: Path) -> Result:
+    """Return the run in a file."""
+    from vofem.files.hdf5 import reading
+    from vofem.io.storage.run_file import read
+
+    with reading(path) as file:
+        return read(file)
+
+
 def _movie(arguments: argparse.Namespace) -> int:
     """Write a movie; return the exit code."""
     from vofem.io.movies import animate
     from vofem.io.scene_file import point_named
-    from vofem.io.storage.run_file import load
 
     if arguments.times:
         raise ArgumentError("--times are those of pictures; leave them out with --movie, or --movie with them")
-    result = load(arguments.run)
+    result = _loaded(arguments.run)
     point = None if arguments.point is None else point_named(result.scene, arguments.point)
     outcome = animate(
         result, arguments.movie, arguments.view, point=point, speed=arguments.speed, frames=arguments.frames

@@ -9,12 +9,11 @@ from typing import Any
 
 from vofem._validate import nearest, public
 from vofem.assembly import Effect, Model, SystemBuilder
-from vofem.assembly.bases import offsets
+from vofem.assembly.bases import Base, offsets
 from vofem.bodies.base import Body
 from vofem.cards import Shown
 from vofem.effects.contact import Contact, RigidStop
 from vofem.effects.friction import Friction
-from vofem.effects.loads import BaseMotion
 from vofem.errors import ArgumentError, VofemError
 from vofem.initial import Initial, StateSource
 from vofem.locks import Lock
@@ -88,35 +87,36 @@ class Scene(Shown):
                 )
         self._check_names("bodies", [body.name for body in self.bodies])
         self._check_names("contacts", [contact.name for contact in self.contacts])
+        #: The motions of bases, which effects of other packages may have too.
+        bases = (getattr(effect, "base", None) for effect in self.effects)
+        self._bases = tuple(base for base in bases if isinstance(base, Base))
         self._check_bases()
         self._check_pressing()
         self._initial = Initial("Scene: initial", self.bodies, initial)
         present = set(self.bodies)
-        for effect in self.effects:
-            for point in effect.points():
-                if point.body not in present:
-                    known = ", ".join(body.label for body in self.bodies)
-                    raise ArgumentError(
-                        f"{effect.describe()}: its body is not in the scene, which holds {known}; add it to bodies"
-                    )
+        touched: list[tuple[Any, Body]] = [(effect, point.body) for effect in self.effects for point in effect.points()]
+        for thing, body in (*touched, *((base, base.body) for base in self._bases)):
+            if body not in present:
+                known = ", ".join(one.label for one in self.bodies)
+                label = thing.label if isinstance(thing, Base) else thing.describe()
+                raise ArgumentError(f"{label}: its body is not in the scene, which holds {known}; add it to bodies")
 
     def _check_bases(self) -> None:
         """Raise where something joins bodies whose bases move differently: their gap would depend on time."""
-        motions = [effect for effect in self.effects if isinstance(effect, BaseMotion)]
-        if not motions:
+        if not self._bases:
             return
-        on_base = {motion.body: motion for motion in motions}
-        twice = next((motion for motion in motions if on_base[motion.body] is not motion), None)
+        on_base = {base.body: base for base in self._bases}
+        twice = next((base for base in self._bases if on_base[base.body] is not base), None)
         if twice is not None:
             raise ArgumentError(
-                f"Scene: {twice.describe()}, and {on_base[twice.body].describe()}: supports cannot follow two motions. "
+                f"Scene: {twice.label}, and {on_base[twice.body].label}: supports cannot follow two motions. "
                 "Remove one; a motion that is the sum of two is one BaseMotion, whose acceleration is f + g"
             )
         for effect in self.effects:
             if isinstance(effect, Contact):
-                offsets(f"Contact {effect.name!r}", effect.bases, [motion.base for motion in motions])
+                offsets(f"Contact {effect.name!r}", effect.bases, self._bases)
                 continue
-            on = [[m.acceleration for m in motions if m.body is point.body] for point in effect.points()]
+            on = [[base.acceleration for base in self._bases if base.body is point.body] for point in effect.points()]
             if len(on) == 2 and on[0] != on[1]:
                 raise ArgumentError(
                     f"{effect.describe()}: it joins bodies of which only one has this BaseMotion; displacements are "
@@ -162,7 +162,7 @@ class Scene(Shown):
         return self._model is not None
 
     def _compiled(self) -> Model:
-        builder = SystemBuilder(self.bodies)
+        builder = SystemBuilder(self.bodies, self._bases)
         for effect in self.effects:
             effect.compile(builder)
         model = builder.build()

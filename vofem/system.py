@@ -382,3 +382,10 @@ class Events:
     contact: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     status: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     initial: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+
+    def stays(self, contact: int, *statuses: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the numbers of the events at which a contact enters some statuses (-1: the start), and leaves them."""
+        mine = np.flatnonzero(self.contact == contact)
+        held = np.isin(np.append(self.initial[contact], self.status[mine]), statuses)
+        turned, numbers = np.diff(held, prepend=False), np.append(-1, mine)
+        return numbers[turned & held], numbers[turned & ~held]

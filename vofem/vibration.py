@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import name_of, unknown, whole
+from vofem._validate import listed, name_of, unknown, whole
 from vofem.arrays import Array
 from vofem.assembly import Model
 from vofem.bodies.base import Body
@@ -143,16 +143,14 @@ def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:
     else:
         squares, shapes = _lowest(system.mass, stiffness, rigid, min(count, system.size - 2))
     count = min(count, squares.size)
-    held = (closed,) if isinstance(closed, str) else tuple(closed)
-    return Modes(scene, held, np.sqrt(squares[:count]), shapes[:, :count])
+    return Modes(scene, tuple(listed(closed)), np.sqrt(squares[:count]), shapes[:, :count])
 
 
 def contact_indices(what: str, system: System, closed: Sequence[Any]) -> list[int]:
     """Return the numbers of named contacts; `what` is for the message."""
     names = [] if system.contacts is None else list(system.contacts.names)
-    wanted = [closed] if isinstance(closed, str) else list(closed)
     indices = []
-    for item in wanted:
+    for item in listed(closed):
         name = name_of(item)
         if name not in names:
             raise unknown("contact", name, names, what=what)

@@ -33,9 +33,11 @@ class SystemBuilder:
     ----------
     bodies : sequence of Body
         The bodies, in the order in which their degrees of freedom are numbered.
+    bases : sequence of Base
+        The motions of their bases, whose displacements move what stays in space beside the bodies.
     """
 
-    def __init__(self, bodies: Sequence[Body]) -> None:
+    def __init__(self, bodies: Sequence[Body], bases: Sequence[Base] = ()) -> None:
         self.offsets: dict[Body, int] = {}
         self._mass, self._stiffness, self._damping = Triplets(), Triplets(), Triplets()
         self._attached = Triplets()
@@ -46,7 +48,7 @@ class SystemBuilder:
         self._modal: float | Array | None = None
         self._loads: list[Load] = []
         self._joints: list[tuple[str, list[Row]]] = []
-        self._bases: list[Base] = []
+        self._bases = bases
         self._tied: list[Body] = []
         self._travelling: dict[Body, list[tuple[TravellingPoint, Any, str]]] = {}
         supported: list[IntArray] = []
@@ -166,10 +168,6 @@ class SystemBuilder:
         from vofem.laws.travelling import TravellingLaw
 
         self.add_law(row, TravellingLaw(label, name, stiffness, damping, track=(point, 1.0)))
-
-    def add_base(self, base: Base) -> None:
-        """Add the motion of the base of a body, whose displacement moves what stays in space beside the body."""
-        self._bases.append(base)
 
     def add_law(self, row: Row, law: Any) -> None:
         """Add a scalar law on a row: a `Law`, or one that names the class of its group by `group`."""

@@ -9,7 +9,10 @@ from vofem.bodies.base import Point
 
 
 class Effect(Protocol):
-    """Something that acts on bodies. Effects compare and hash by identity."""
+    """Something that acts on bodies. Effects compare and hash by identity.
+
+    One that moves the base on which a body stands has a property `base`, a `vofem.assembly.bases.Base`.
+    """
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the contributions of the effect to the system, by the ``add_*`` methods of the builder."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import array, choice, nearest, number, one_of
+from vofem._validate import MANY, array, choice, nearest, number, one_of, whole
 from vofem.bodies.base import Array, Body, DegreesOfFreedom, IntArray, Point, Row, Shape
 from vofem.bodies.cubics import hermite
 from vofem.bodies.mesh import LineMesh
@@ -18,8 +18,6 @@ from vofem.errors import ArgumentError
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
-
-_MOST_ELEMENTS = 10_000_000
 
 
 class Axis(Body):
@@ -48,9 +46,7 @@ class Axis(Body):
             self.origin, self.arc, self.element_lengths = self.mesh.origin, self.mesh.arc, self.mesh.lengths
             return
         if isinstance(elements, (int, np.integer)) and not isinstance(elements, bool):
-            count = int(elements)
-            if not 1 <= count <= _MOST_ELEMENTS:
-                raise ArgumentError(f"{label}: elements is {count}, expected a whole number from 1 to {_MOST_ELEMENTS}")
+            count = whole(f"{label}: elements", elements, most=MANY)
             self.origin, self.arc = 0.0, np.arange(count + 1, dtype=float) * (length / count)
             self.arc[-1], self.element_lengths = length, np.full(count, length / count)
             return

@@ -153,7 +153,6 @@ class BaseMotion(Acting):
     def compile(self, builder: SystemBuilder) -> None:
         """Add the load."""
         builder.add_acceleration(-1.0, as_time_function(self.acceleration), self.describe(), self.body)
-        builder.add_base(self.base)
 
     def describe(self) -> str:
         """Return body and acceleration."""

@@ -14,7 +14,7 @@ import io
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,18 @@ _TRAILER = struct.Struct(f"<{len(_MAGIC)}sI")
 #: The first bytes of a file of HDF5 1.8 and later, and where these state the size of the data.
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _SUPERBLOCK = struct.Struct("<8sBBBBQQQ")
+
+#: Names of the groups by which files are known, and what these hold. The store of a sweep has no such group.
+RUN, CHECKPOINT, BRANCH, LOCUS, FIT = "vofem", "vofem_checkpoint", "vofem_branch", "vofem_locus", "vofem_fit"
+SWEEP = "sweep"
+KINDS = {
+    RUN: "a saved run, which vofem.load reads",
+    CHECKPOINT: "a checkpoint, from which vofem.resume goes on",
+    BRANCH: "a branch of steady states, which vofem.load reads",
+    LOCUS: "a locus of special points, which vofem.load reads",
+    FIT: "a fit, which vofem.load reads",
+    SWEEP: "the store of a sweep, which vofem.load reads",
+}
 
 #: Size in bytes of a chunk, which is read or compressed as a whole, and of a block, after which the file is flushed.
 _CHUNK, _BLOCK = 1 << 20, 1 << 23
@@ -100,18 +112,6 @@ class GuardedFile(io.RawIOBase):
         """Raise the error that was met, if any."""
         if self.error is not None:
             raise self.error
-
-    def readable(self) -> bool:
-        """Return True."""
-        return True
-
-    def writable(self) -> bool:
-        """Return True."""
-        return True
-
-    def seekable(self) -> bool:
-        """Return True."""
-        return True
 
     def close(self) -> None:
         """Close the file."""
@@ -229,14 +229,29 @@ def mark_format(group: h5py.Group, version: int) -> None:
     group.attrs["written_by"] = __version__
 
 
-def check_format(group: h5py.Group, known: int) -> None:
-    """Raise `StorageError` if a group has another format than the one that is known."""
+def kind_of(file: h5py.File) -> str:
+    """Return which of `KINDS` a file that is open holds; "" where it is none of them."""
+    return SWEEP if file.attrs.get("kind") == SWEEP else next((name for name in KINDS if name in file), "")
+
+
+def checked_group(file: h5py.File, kinds: Sequence[str], known: int, expected: str) -> h5py.Group:
+    """Return the group of a file that holds one of some kinds, in the format that is known.
+
+    `expected`: what messages say was expected.
+    Raises `StorageError` if the file holds something else, or was written in another format.
+    """
+    kind = kind_of(file)
+    if kind not in kinds:
+        what = KINDS.get(kind, "an HDF5 file of another program")
+        raise StorageError(f"{file.filename} is {what}; expected {expected}")
+    group = file if kind == SWEEP else file[kind]
     if int(group.attrs["format"]) != known:
         written = f"vofem {group.attrs['written_by']} in format {group.attrs['format']}"
         raise StorageError(
-            f"{group.file.filename} was written by {written}, but this is vofem {__version__}, which reads format "
-            f"{known}; read it with the version that wrote it, or write it again"
+            f"{file.filename} was written by {written}, but this is vofem {__version__}, which reads format {known}; "
+            "read it with the version that wrote it, or write it again"
         )
+    return group
 
 
 def block_slices(count: int, row_bytes: int) -> Iterator[slice]:

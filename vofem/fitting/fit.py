@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vofem._validate import number, several, whole
+from vofem._validate import listed, number, whole, wrong
 from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.cards import Saved
@@ -374,7 +374,9 @@ def fit(
     """
     as_scene("fit", scene)
     chosen = parameters_of("fit", parameters, scene)
-    measured = tuple(several("fit: data", data, Data, "vofem.Measured"))
+    measured = tuple(listed(data))
+    if not measured or not all(isinstance(one, Data) for one in measured):
+        raise wrong("fit: data", repr(data), "what vofem.Measured returns, or several of these")
     starts = whole("fit: starts", starts)
     problem = _Problem(scene, chosen, measured, "event_driven")
     windows = _windows(horizon, problem.end)

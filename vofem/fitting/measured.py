@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import array, choice, name_of, number, public
+from vofem._validate import array, choice, listed, name_of, number, public
 from vofem.arrays import Array
 from vofem.bodies.base import Point, as_point
 from vofem.errors import ArgumentError, ConvergenceError
@@ -286,7 +286,7 @@ class MeasuredFrequencies(Data):
         self._hold(np.atleast_1d(array("MeasuredFrequencies: frequencies", frequencies)), noise)
         if np.any(self.values <= 0.0) or np.any(np.diff(self.values) <= 0.0):
             raise ArgumentError("MeasuredFrequencies: frequencies must be positive and increasing")
-        self.closed = tuple(name_of(one) for one in ((closed,) if isinstance(closed, str) else closed))
+        self.closed = tuple(name_of(one) for one in listed(closed))
 
     def describe(self) -> str:
         """Return the number of frequencies."""

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem._validate import number, whole
 from vofem.arrays import Array
 from vofem.effects.two_points import UNITS, Units
 from vofem.fractional.orders import exponential_order
@@ -41,32 +42,28 @@ class ContactHistory:
     def __repr__(self) -> str:
         return f"ContactHistory({self.name!r}, {self.closings.size} closings, {self.openings.size} openings)"
 
-    def _times(self, closing: bool) -> Array:
+    def _times(self, *statuses: int) -> tuple[Array, Array]:
+        """Return the times in s at which the contact enters some statuses, and at which it leaves them."""
         events = self._run.solution.events
-        mine = events.contact == self._index
-        held = np.concatenate([[events.initial[self._index]], events.status[mine]]) == CLOSED
-        times = np.concatenate([[0.0], events.time[mine]])
-        before = np.concatenate([[False], held[:-1]])
-        return times[held & ~before] if closing else times[~held & before]
+        times = np.append(events.time, 0.0)
+        entered, left = events.stays(self._index, *statuses)
+        return times[entered], times[left]
 
     @property
     def closings(self) -> Array:
         """Times in s at which the contact closes. The first is 0.0 if it starts closed."""
-        return self._times(True)
+        return self._times(CLOSED)[0]
 
     @property
     def openings(self) -> Array:
         """Times in s at which the contact opens."""
-        return self._times(False)
+        return self._times(CLOSED)[1]
 
     @property
     def pinned(self) -> Array:
         """Intervals in s in which the contact is pinned, that is, rests exactly at its gap, shape (k, 2)."""
-        events = self._run.solution.events
-        mine = events.contact == self._index
-        times = np.concatenate([[0.0], events.time[mine], [self._run.solution.t_end]])
-        held = np.flatnonzero(np.append(events.initial[self._index], events.status[mine]) == PINNED)
-        return np.stack([times[held], times[held + 1]], axis=1)
+        begin, end = self._times(PINNED)
+        return np.stack([begin, np.append(end, self._run.solution.t_end)[: begin.size]], axis=1)
 
     @cached_property
     def _record(self) -> ImpactRecord:
@@ -93,6 +90,8 @@ class ContactHistory:
         tolerance : float
             Accepted error of the forces between events, divided by the largest force.
         """
+        count = whole("first_impacts: count", count)
+        tolerance = number("first_impacts: tolerance", tolerance, minimum=0.0)
         return ImpactRecord(self._run, self._laws, self._index, self.units, count, tolerance).impacts()
 
     def statistics(self, window: ArrayLike | None = None) -> ContactStatistics:

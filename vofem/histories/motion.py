@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import array
+from vofem._validate import array, wrong
 from vofem.arrays import Array
 from vofem.assembly import Model
 from vofem.bodies.base import Body
@@ -56,6 +56,8 @@ class Motion:
         if t is None:
             return self.samples
         times = np.atleast_1d(array("t", t))
+        if times.ndim != 1:
+            raise wrong("t", f"an array of shape {times.shape}", "a time, or times of shape (n,)")
         end = self.solution.t_end
         if np.any(times < 0.0) or np.any(times > end * (1.0 + 1e-12)):
             bad = times[(times < 0.0) | (times > end)][0]

@@ -7,6 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from vofem._validate import listed
 from vofem.bodies.base import Point, as_point
 from vofem.bodies.path import TravellingPoint
 from vofem.histories.run import Run
@@ -49,8 +50,7 @@ def named_points(what: str, scene: Scene, points: Mapping[str, Any] | Iterable[A
         points = points_of_interest(scene)[:MOST]
     if isinstance(points, Mapping):
         return {name: as_point(f"{what}: {name}", point) for name, point in points.items()}
-    listed = [points] if isinstance(points, Point) else points
-    return {found.name: found for found in (as_point(f"{what}: a point", point) for point in listed)}
+    return {found.name: found for found in (as_point(f"{what}: a point", point) for point in listed(points))}
 
 
 def history_columns(run: Run, points: dict[str, Any]) -> dict[str, tuple[NDArray, str]]:

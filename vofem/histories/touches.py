@@ -16,7 +16,7 @@ from vofem.arrays import Array, IntArray
 from vofem.errors import ArgumentError
 from vofem.histories.motion import Motion
 from vofem.integrators.base import status_at
-from vofem.system import OPEN, PINNED, ContactLaws
+from vofem.system import CLOSED, PINNED, ContactLaws
 
 #: Number of Chebyshev coefficients of a panel of a continuous motion, and of a step.
 _SMOOTH, _STEP = 16, 6
@@ -50,11 +50,8 @@ class Span:
 def spans_of(run: Motion, index: int) -> Span:
     """Return when a contact, known by its number, is in touch."""
     events, t_end = run.solution.events, run.solution.t_end
-    mine = (events.contact == index) & (events.time <= t_end)
-    times = np.concatenate([[0.0], events.time[mine]])
-    touching = np.concatenate([[events.initial[index]], events.status[mine]]) != OPEN
-    before = np.concatenate([[False], touching[:-1]])
-    begin, end = times[touching & ~before], times[~touching & before]
+    begin, end = (np.append(events.time, 0.0)[numbers] for numbers in events.stays(index, CLOSED, PINNED))
+    begin, end = begin[begin <= t_end], end[end <= t_end]
     ended = np.ones(begin.size, dtype=bool)
     if end.size < begin.size:
         end, ended[-1] = np.append(end, t_end), False

@@ -22,7 +22,7 @@ from vofem.histories.impacts import window_of
 from vofem.histories.tables import points_of_interest
 from vofem.io.pictures import drawing, links
 from vofem.io.pictures.histories import closed_intervals, end_of, times_of
-from vofem.io.pictures.layout import arrange
+from vofem.io.pictures.layout import arrange, picture_size
 from vofem.io.pictures.sketch import sketch
 from vofem.io.pictures.snapshot import BodyState, Snapshot, fixed_parts, snapshots
 from vofem.io.pictures.units import length
@@ -411,7 +411,7 @@ def animate(
         frames = whole("animate: frames", frames, least=2)
     if speed is not None:
         speed = number("animate: speed", speed, positive=True)
-    shown = size or _SIZES[view]
+    shown = picture_size(size or _SIZES[view])
     if isinstance(subject, Modes):
         if view != "side":
             raise ArgumentError(f"animate: mode shapes have no {view!r} view; choose view='side'")

@@ -42,24 +42,22 @@ def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
     StorageError
         If the file is missing, of another kind, damaged, or of another format.
     ArgumentError
-        If the scene is not the same, or the file holds a branch or a locus, which keep their scenes.
+        If the scene is not the same, or is given with a branch, a locus or a sweep, which need none.
     MissingCallableError
         If the run has bodies or effects of other classes and the scene was not given.
     """
-    from vofem.files.hdf5 import reading
+    from vofem.files.hdf5 import BRANCH, FIT, KINDS, LOCUS, SWEEP, kind_of, reading
     from vofem.io.storage import branch_file, fit_file, run_file
-    from vofem.studies.sweep.store import holds, stored_sweep
+    from vofem.studies.sweep.store import stored_sweep
 
     with reading(path) as file:
-        if fit_file.holds(file):
-            return fit_file.read(file, scene)
-        if not holds(file):
-            what = branch_file.holds(file)
-            if not what:
-                return run_file.read(file, scene)
-            if scene is not None:
-                raise ArgumentError(f"load: {path} holds a {what} with its scenes, expected a run; leave out scene=")
+        kind = kind_of(file)
+        if scene is not None and kind in (BRANCH, LOCUS, SWEEP):
+            raise ArgumentError(f"load: {path} is {KINDS[kind]} without a scene; leave out scene=")
+        if kind in (BRANCH, LOCUS):
             return branch_file.read(file)
+        if kind != SWEEP:
+            return (fit_file if kind == FIT else run_file).read(file, scene)
     return stored_sweep(Path(path))
 
 
@@ -99,6 +97,17 @@ def resume(
     MissingCallableError
         If the scene holds callables or bodies of other classes and was not given.
     """
-    from vofem.io.storage import checkpoint
+    from vofem.files.hdf5 import CHECKPOINT, checked_group, reading
+    from vofem.files.whole import path_of, target
+    from vofem.io.storage.checkpoint import FORMAT, SUFFIXES, identity_of, writers_of
+    from vofem.io.storage.records import decode, restored_scene
+    from vofem.io.storage.tree import read_tree
+    from vofem.simulate.plan import run_plan
 
-    return checkpoint.resume(path, scene=scene, progress=progress, checkpoint_every=checkpoint_every)
+    expected = "a checkpoint of vofem.simulate"
+    found = identity_of(path_of(path, expected))
+    with reading(path, expected) as file:
+        record = read_tree(checked_group(file, (CHECKPOINT,), FORMAT, expected)["run"], decode)
+    scene = restored_scene(record["scene"], scene, "resume", "checkpoint")
+    writers = writers_of(target(path, SUFFIXES), scene, found)
+    return run_plan(scene, record["plan"], progress, writers, checkpoint_every, record["snapshot"])

@@ -19,6 +19,7 @@ from vofem.histories.impacts import window_of
 from vofem.io.frames import BEAM, MASS, Frames
 from vofem.io.pictures.drawing import COLORMAP
 from vofem.io.pictures.histories import end_of, times_of
+from vofem.io.pictures.layout import picture_size
 from vofem.io.pictures.units import nice_below
 from vofem.result import Result
 from vofem.studies.steady import PeriodicOrbit
@@ -146,7 +147,7 @@ def snapshot(
     OutputError
         If there is no graphics driver.
     """
-    result = _run_of("snapshot", subject)
+    result, size = _run_of("snapshot", subject), picture_size(size)
     t, end = number("snapshot: t", t), end_of(result)
     if not 0.0 <= t <= end:
         raise ArgumentError(f"snapshot: t is {t:g}, expected a time of the run, 0 to {end:g} s")

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import nearest
+from vofem._validate import MANY, nearest
 from vofem.arrays import Array
 from vofem.effects.kinds import AtPoint
 from vofem.errors import ArgumentError, SceneFileError, VofemError
@@ -161,8 +161,8 @@ def _values(given: Any, place: Place) -> dict[str, list[Any]]:
 def _line(given: dict[str, Any], place: Place) -> list[float]:
     start, stop, count = (given[name] for name in _LINE)
     sound = all(isinstance(v, (int, float)) and not isinstance(v, bool) and np.isfinite(v) for v in (start, stop))
-    if not sound or isinstance(count, bool) or not isinstance(count, int) or count < 1:
-        place.report("expected numbers start and stop and a whole number count, 1 or more")
+    if not sound or isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MANY:
+        place.report(f"expected numbers start and stop and a whole number count from 1 to {MANY}")
         return []
     return [float(value) for value in np.linspace(start, stop, count)]
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import array
+from vofem._validate import series
 from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.files.whole import replacing, target
@@ -107,10 +107,9 @@ def write_series(
 def _times(result: Result, times: ArrayLike | None) -> Array:
     if times is None:
         return result.times
-    chosen = np.atleast_1d(array("write_series: times", times))
-    end = result.solution.t_end
-    if chosen.ndim != 1 or not chosen.size or np.any(np.diff(chosen) <= 0):
-        raise ArgumentError(f"write_series: times has shape {chosen.shape}, expected one or more that increase")
+    chosen, end = series("write_series: times", times), result.solution.t_end
+    if np.any(np.diff(chosen) <= 0):
+        raise ArgumentError("write_series: times do not increase; sort them, and name each once")
     if chosen[0] < 0.0 or chosen[-1] > end * (1.0 + 1e-12):
         raise ArgumentError(
             f"write_series: times reach from {chosen[0]:g} to {chosen[-1]:g} s, expected 0 to {end:g} s"

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import HUGE, array, choice, number, one_of, whole, wrong
+from vofem._validate import HUGE, MANY, array, choice, number, one_of, whole, wrong
 from vofem.errors import ArgumentError
 from vofem.parameters.place import INVALID, Book, Invalid, Place
 
@@ -128,17 +128,17 @@ ANY_NUMBER = Real()
 
 @dataclass(frozen=True)
 class Count(Kind):
-    """A whole number, 1 or more."""
+    """How many there are of something: a whole number, 1 or more."""
 
     text: str = ""
 
     shown = "int"
-    expected = "a whole number, 1 or more"
-    schema: ClassVar = {"type": "integer", "minimum": 1}
+    expected = f"a whole number from 1 to {MANY}"
+    schema: ClassVar = {"type": "integer", "minimum": 1, "maximum": MANY}
 
     def check(self, what: str, value: Any) -> int:
         """Return an int."""
-        return whole(what, value)
+        return whole(what, value, most=MANY)
 
     def write(self, value: Any, book: Book) -> int:
         """Return a plain int."""

@@ -17,7 +17,6 @@ from vofem.sensitivities.flow import Block, Closed, divided, divided_far, ramped
 from vofem.sensitivities.forcing import Forcing, derivative_waves
 from vofem.sensitivities.forward import Forward, Meeting
 from vofem.sensitivities.modal import ModalChange
-from vofem.system import PINNED
 
 #: As for forward derivatives.
 _NEAR = 1.0
@@ -94,11 +93,10 @@ class Backward:
             j, counted = int(forward.events.contact[number]), float(self._linear.events[number])
             if not counted:
                 continue
-            if meeting.before[j] == PINNED:
+            if (k := meeting.met_by(j)) is None:
                 row, rate, fixed = forward.release(index, j, int(meeting.after[j]), meeting.state)
             else:
                 assert passage is not None
-                k = passage.contacts.index(j)
                 row, rate = np.concatenate([passage.rows[k] / scale, np.zeros(n)]), float(passage.rates[k])
                 fixed = explicit.meets[k]
             before -= counted / rate * row

@@ -19,6 +19,9 @@ from vofem.system import CLOSED, OPEN, PINNED
 #: Newton steps for the time of a peak.
 _ROUNDS = 8
 
+#: Relative distance of times that are one.
+_SAME = 4e-16
+
 
 @dataclass(frozen=True)
 class ImpactSensitivities:
@@ -78,11 +81,11 @@ class Law:
         waves = 0.0 if self.waves is None else self.waves.at(tau)
         return float(self.row @ state + self.constant + waves)
 
-    def explicit(self, state: Array, tau: float) -> Array:
-        """Return the derivatives of the force at a fixed state, shape (p,)."""
-        found = self.rows @ state + self.constants
+    def explicit(self, states: Array, tau: Array | float) -> Array:
+        """Return the derivatives of the force at fixed states, (2n,) or (2n, k), at times, (p,) or (k, p)."""
+        found = (self.rows @ states).T + self.constants
         for k, change in enumerate(self.wave_changes):
-            found[k] += change.at(tau)
+            found[..., k] += change.at(tau)
         return np.asarray(found)
 
 
@@ -101,23 +104,20 @@ class ContactSensitivities:
     def __repr__(self) -> str:
         return f"ContactSensitivities({self.name!r}, {self.closings.shape[0]} closings)"
 
-    def _events(self, closing: bool) -> Array:
-        events, forward = self._forward.events, self._forward
-        mine = np.flatnonzero(events.contact == self._index)
-        held = np.concatenate([[events.initial[self._index]], events.status[mine]]) == CLOSED
-        before = np.concatenate([[False], held[:-1]])
-        every = np.vstack([np.zeros((1, len(forward.changes))), forward.event_times[mine]])
-        return np.asarray(every[held & ~before] if closing else every[~held & before])
+    @property
+    def _event_times(self) -> Array:
+        """Derivatives of the times of all events and, last, of the start, which does not move, s."""
+        return np.vstack([self._forward.event_times, np.zeros(len(self._forward.changes))])
 
     @property
     def closings(self) -> Array:
         """Of the times at which the contact closes, shape (n, p); 0 for one that starts closed."""
-        return self._events(True)
+        return self._event_times[self._forward.events.stays(self._index, CLOSED)[0]]
 
     @property
     def openings(self) -> Array:
         """Of the times at which the contact opens, shape (n, p)."""
-        return self._events(False)
+        return self._event_times[self._forward.events.stays(self._index, CLOSED)[1]]
 
     @cached_property
     @one_thread
@@ -130,10 +130,7 @@ class ContactSensitivities:
             if law.status == OPEN:
                 continue
             piece = forward.closed(index)
-            states = piece.states(tau)
-            out[mine] = piece.sample(law.row[None], tau)[0]
-            for place, (k, t) in enumerate(zip(mine.tolist(), tau.tolist(), strict=True)):
-                out[k] += law.explicit(states[:, place], t)
+            out[mine] = piece.sample(law.row[None], tau)[0] + law.explicit(piece.states(tau), tau)
         return out
 
     @cached_property
@@ -145,29 +142,19 @@ class ContactSensitivities:
         events = forward.events
         p, n = len(forward.changes), len(found)
         parts = np.zeros((5, n, p))
-        mine = np.flatnonzero(events.contact == self._index)
-        touching = np.concatenate([[events.initial[self._index]], events.status[mine]]) != OPEN
-        numbers = np.concatenate([[-1], mine])
-        before = np.concatenate([[False], touching[:-1]])
-        begins, ends = numbers[touching & ~before], numbers[~touching & before]
+        begins, ends = events.stays(self._index, CLOSED, PINNED)
+        parts[0], parts[1, : ends.size] = self._event_times[begins], self._event_times[ends]
         for i in range(n):
-            begin = forward.event_times[begins[i]] if begins[i] >= 0 else np.zeros(p)
-            end = forward.event_times[ends[i]] if i < ends.size else np.zeros(p)
-            parts[0, i], parts[1, i] = begin, end
-            if laws.rigid[self._index]:
-                # The force of an impact has no bound.
-                parts[2:4, i] = np.nan
-                span = range(int(begins[i]), int(ends[i]) if i < ends.size else events.time.size)
-                parts[4, i] = self._impulse(float(found.closing[i]), float(found.opening[i]))
-                parts[4, i] += sum(
-                    forward.impulses[k] for k in span if k in forward.impulses and events.contact[k] == self._index
-                )
-            elif not found.why:
-                peak, time = self._peak(float(found.peak_time[i]), float(found.closing[i]), float(found.opening[i]))
-                parts[2, i], parts[3, i] = peak, time
-                parts[4, i] = self._impulse(float(found.closing[i]), float(found.opening[i]))
-            else:
-                parts[2:, i] = np.nan
+            span = float(found.closing[i]), float(found.opening[i])
+            parts[4, i] = self._impulse(*span)
+            if not laws.rigid[self._index]:
+                parts[2:4, i] = self._peak(float(found.peak_time[i]), *span)
+                continue
+            # The force of an impact has no bound.
+            parts[2:4, i] = np.nan
+            for k in range(int(begins[i]), int(ends[i]) if i < ends.size else events.time.size):
+                if k in forward.impulses and events.contact[k] == self._index:
+                    parts[4, i] += forward.impulses[k]
         return ImpactSensitivities(*parts)
 
     def _impulse(self, begin: float, end: float) -> Array:
@@ -185,17 +172,9 @@ class ContactSensitivities:
             total += law.row @ changes + law.rows @ state + law.constants * duration
             for k, change in enumerate(law.wave_changes):
                 total[k] += integral_of(change, duration)
-            for at, sign in ((0.0, -1.0), (duration, 1.0)):
-                moved = self._moved(index, at)
-                if moved is not None:
-                    force = law.value(piece.states(np.array([at]))[:, 0], at)
-                    total += sign * force * moved
+            for event, force in edges_of(forward, index, self._index, law):
+                total += force * forward.event_times[event]
         return total
-
-    def _moved(self, index: int, at: float) -> Array | None:
-        """Return the derivative of the time of the own event at the begin (0) or at the end of a segment, (p,)."""
-        number = event_at(self._forward, index, at, self._index)
-        return None if number is None else self._forward.event_times[number]
 
     def _peak(self, time: float, begin: float, end: float) -> tuple[Array, Array]:
         """Return the derivatives of the force of largest magnitude in an impact, and of its time, each (p,)."""
@@ -241,9 +220,16 @@ class Peak:
 
 def peak_of(forward: Forward, j: int, time: float, begin: float, end: float) -> Peak:
     """Return the exact place of the largest force of contact j in an impact, near an approximate time in s."""
+    starts, ends = forward.starts, forward.starts + forward.segments.durations
     chosen = within(forward, j, begin, end)
-    starts = forward.starts
-    index = next((k for k in reversed(chosen) if starts[k] <= time), chosen[0])
+
+    def size(k: int) -> float:
+        tau = np.clip(time - starts[k : k + 1], 0.0, forward.segments.durations[k])
+        return abs(Law(forward, k, j).value(forward.closed(k).states(tau)[:, 0], float(tau[0])))
+
+    # At an impact on a rigid stop the force of a damper jumps, and one side is the larger one.
+    meet = [k for k in chosen if starts[k] <= time <= ends[k] * (1.0 + _SAME)]
+    index = max(meet, key=size, default=chosen[0])
     duration = float(forward.segments.durations[index])
     law, piece = Law(forward, index, j), forward.closed(index)
     force = forward.forces(index)[1]
@@ -272,8 +258,7 @@ def peak_of(forward: Forward, j: int, time: float, begin: float, end: float) -> 
     # The largest force is at an end of the impact, or at the event of another contact.
     at = 0.0 if guess <= 0.5 * duration else duration
     state, slope, bend = slopes(at)
-    event = event_at(forward, index, at, j)
-    return Peak(index, at, law, state, slope, bend, False, event_at(forward, index, at) if event is None else event)
+    return Peak(index, at, law, state, slope, bend, False, event_at(forward, index, at, j))
 
 
 def within(forward: Forward, j: int, begin: float, end: float) -> list[int]:
@@ -283,14 +268,21 @@ def within(forward: Forward, j: int, begin: float, end: float) -> list[int]:
     return [k for k in range(first, last + 1) if forward.segments.status[k][j] != OPEN]
 
 
-def event_at(forward: Forward, index: int, at: float, contact: int | None = None) -> int | None:
-    """Return the number of an event, of one contact or of any, at the begin (0) or at the end of a segment."""
+def edges_of(forward: Forward, index: int, j: int, law: Law) -> list[tuple[int, float]]:
+    """Return the events at both ends of a segment, and what a delay of them adds to the impulse of contact j, N."""
+    found, piece = [], forward.closed(index)
+    for at, sign in ((0.0, -1.0), (float(forward.segments.durations[index]), 1.0)):
+        if (event := event_at(forward, index, at, j)) is not None:
+            found.append((event, sign * law.value(piece.states(np.array([at]))[:, 0], at)))
+    return found
+
+
+def event_at(forward: Forward, index: int, at: float, contact: int) -> int | None:
+    """Return the number of an event, of a contact if there is one, at the begin (0) or at the end of a segment."""
     t = forward.starts[index] if at == 0.0 else forward.starts[index] + forward.segments.durations[index]
-    near = np.abs(forward.events.time - t) <= 4e-16 * abs(t)
-    if contact is not None:
-        near &= forward.events.contact == contact
-    found = np.flatnonzero(near)
-    return int(found[0]) if found.size else None
+    found = np.flatnonzero(np.abs(forward.events.time - t) <= _SAME * abs(t))
+    own = found[forward.events.contact[found] == contact]
+    return int([*own, *found][0]) if found.size else None
 
 
 def _motion(piece: Closed | Block, matrix: Array, force: Forcing, n: int, tau: float) -> tuple[Array, Array, Array]:

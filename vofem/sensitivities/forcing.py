@@ -20,9 +20,11 @@ class Forcing(NamedTuple):
     level: Complex
     growth: Complex
 
-    def at(self, tau: float) -> Any:
-        """Return the value at a time, a number or shape (n,)."""
-        return (np.exp(1j * self.omega * tau) @ (self.level + self.growth * tau)).real
+    def at(self, tau: Array | float) -> Any:
+        """Return the values at times, which come first in the shape."""
+        tau = np.asarray(tau)
+        turned = np.exp(1j * np.multiply.outer(tau, self.omega))
+        return (turned @ self.level + (tau[..., None] * turned) @ self.growth).real
 
     def rate(self) -> Forcing:
         """Return the derivative by time."""

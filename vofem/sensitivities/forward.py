@@ -90,6 +90,15 @@ class Meeting:
     passage: Passage | None  #: What it does to changes; None where pinned contacts are released only.
     impact: Impact | None = None  #: Where a rigid stop is hit.
 
+    def met_by(self, contact: int) -> int | None:
+        """Return which of the passage's contacts determines the time of an event; None for a reaction."""
+        if self.passage is None:
+            return None
+        if contact in self.passage.contacts:
+            return self.passage.contacts.index(contact)
+        # An impact lets go of what rests elsewhere.
+        return None if self.impact is None else 0
+
 
 class Explicit(NamedTuple):
     """What parameters change at events at a fixed state; see `Passage` for the first three, (h, p) and (k, p)."""
@@ -223,7 +232,9 @@ class Forward:
         self.begin = self._resting()
         if not self.bare and self.begin is not None:
             z, v = self._pass(-1, self.begin, z, v)
-        event = 0
+        # What rests at a rigid stop at the start has come there by an event of that time.
+        event = int(np.count_nonzero(self.events.initial != segments.status[0]))
+        self.event_times[:event] = 0.0
         for index in range(segments.starts.size):
             self._starts.append(np.concatenate([scale * z, v]))
             piece = self.closed(index)
@@ -233,9 +244,10 @@ class Forward:
             before = segments.status[index]
             after = self._status_at_end(event) if last else segments.status[index + 1]
             count = self.events.time.size - event if last else int(np.count_nonzero(before != after))
-            if index + 1 in self.solution.hard_bounces:
+            if (bounce := self.solution.hard_bounces.get(index + 1)) is not None:
                 # A stop closes and opens at once.
-                count = 2
+                j = int(self.solution.bounces.contact[bounce])
+                count += 2 - int(before[j] != after[j])
             if not count:
                 continue
             state = piece.states(np.array([segments.durations[index]]))[:, 0]
@@ -273,12 +285,11 @@ class Forward:
         passage, explicit = meeting.passage, self.explicit(meeting)
         for number in meeting.numbers:
             j = int(self.events.contact[number])
-            if meeting.before[j] == PINNED:
+            if (k := meeting.met_by(j)) is None:
                 reaction, rate, fixed = self.release(index, j, int(meeting.after[j]), meeting.state)
                 own = reaction @ np.concatenate([self.modal.scale[:, None] * z, v]) + fixed
             else:
                 assert passage is not None
-                k = passage.contacts.index(j)
                 rate, own = float(passage.rates[k]), passage.rows[k] @ z + explicit.meets[k]
                 jump = float(np.linalg.norm(passage.kick[:, k]) * np.linalg.norm(passage.rows[k]))
                 self.crossings.append(Crossing(float(self.events.time[number]), j, rate, jump))
@@ -410,9 +421,8 @@ class Forward:
             equation = self.flow(self.segments.status[index]).equation
             states = self.closed(index).states(tau)
             force = self.forces(index)[1]
-            push = np.stack([force.at(t) for t in tau.tolist()], axis=1)
             out[0][:, mine], out[1][:, mine] = states[:n] / scale, states[n:]
-            out[2][:, mine] = equation.matrix[n:] @ states + push
+            out[2][:, mine] = equation.matrix[n:] @ states + force.at(tau).T
         return out[0], out[1], out[2]
 
     def accelerations(self, times: Array) -> Array:
@@ -428,7 +438,7 @@ class Forward:
                 if change is not None:
                     found[:, :, k] += change[n:] @ states
                 if own is not None:
-                    found[:, :, k] += np.stack([own.at(t) for t in tau.tolist()], axis=1)
+                    found[:, :, k] += own.at(tau).T
             out[:, mine] = found
         return out
 

@@ -15,7 +15,7 @@ from vofem.errors import ArgumentError
 from vofem.lookup import rows_over
 from vofem.result import Result
 from vofem.sensitivities.adjoint import Linear
-from vofem.sensitivities.contacts import Law, event_at, integral_of, peak_of, within
+from vofem.sensitivities.contacts import Law, edges_of, integral_of, peak_of, within
 from vofem.sensitivities.energy import gauss, no_rigid_stops, powers, takes_energy
 from vofem.sensitivities.flow import Closed
 from vofem.sensitivities.forward import Forward
@@ -71,13 +71,10 @@ def impulse(contact: Any, impact: int = 1) -> Objective:
         out = _blank(forward)
         out.value = float(found.impulse[number - 1])
         for index in within(forward, j, float(found.closing[number - 1]), float(found.opening[number - 1])):
-            law, piece = Law(forward, index, j), forward.closed(index)
-            duration = float(forward.segments.durations[index])
+            law = Law(forward, index, j)
             _add_integral(out, forward, index, law)
-            for at, sign in ((0.0, -1.0), (duration, 1.0)):
-                event = event_at(forward, index, at, j)
-                if event is not None:
-                    out.events[event] += sign * law.value(piece.states(np.array([at]))[:, 0], at)
+            for event, force in edges_of(forward, index, j, law):
+                out.events[event] += force
         return out
 
     return Objective(f"impulse of impact {number} of {name!r}", linear)
@@ -173,10 +170,9 @@ def _add_integral(out: Linear, forward: Forward, index: int, law: Law) -> None:
     found = piece.integrals() if isinstance(piece, Closed) else None
     if found is None:
         tau, weight = gauss(0.0, duration, piece, matrix)
-        states = piece.states(tau)
-        for k, (t, share) in enumerate(zip(tau.tolist(), weight.tolist(), strict=True)):
+        out.explicit += weight @ law.explicit(piece.states(tau), tau)
+        for t, share in zip(tau.tolist(), weight.tolist(), strict=True):
             out.add(index, t, share * law.row)
-            out.explicit += share * law.explicit(states[:, k], t)
         return
     state, left = found[0], np.asarray(np.linalg.solve(matrix.T, law.row), dtype=float)
     out.add(index, duration, left)

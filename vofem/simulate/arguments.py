@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import array, nearest, number, one_of
+from vofem._validate import nearest, number, one_of, series
 from vofem.arrays import Array
 from vofem.bodies.base import Point, as_point
 from vofem.errors import ArgumentError
@@ -123,9 +123,7 @@ def _probe_rows(scene: Scene, probes: Mapping[str, Any] | Iterable[Any]) -> Prob
 
 def _output_times(times: ArrayLike, t_end: float) -> Array:
     """Return where results are wanted, within [0, t_end], checked."""
-    wanted = np.atleast_1d(array("simulate: times", times))
-    if wanted.ndim != 1 or not wanted.size:
-        raise ArgumentError(f"simulate: times has shape {wanted.shape}, expected a list of one or more times")
+    wanted = series("simulate: times", times)
     if np.any(np.diff(wanted) < 0):
         k = int(np.argmax(np.diff(wanted) < 0))
         raise ArgumentError(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import array, number
+from vofem._validate import number, series
 from vofem.arrays import Array
 from vofem.assembly import Model
 from vofem.errors import ArgumentError, ConvergenceError, LimitLoadError
@@ -116,9 +116,7 @@ def quasi_static(scene: Scene, load_factors: ArrayLike) -> QuasiStatic:
     SingularSystemError
         If the structure can move freely.
     """
-    factors = np.atleast_1d(array("quasi_static: load_factors", load_factors))
-    if factors.ndim != 1 or not factors.size:
-        raise ArgumentError(f"quasi_static: load_factors has shape {factors.shape}, expected a list of numbers")
+    factors = series("quasi_static: load_factors", load_factors)
     model = as_scene("quasi_static", scene).model
     system = model.system
     _refuse("quasi_static", system, path=True)

@@ -105,10 +105,10 @@ class StatusForms:
             mixed = mixed + _times(blocks, drive)
         panels = np.where(np.tile(apart, (2, 2)), mixed, 0.0)
         found = lyapunov(spectrum.delta, spectrum.p, np.zeros_like(squares), squares, mixed - panels)
-        e, bent = self.regime.loads, np.flatnonzero(self.regime.bend >= 0)
+        e, bent = self.regime.loads, np.flatnonzero(self.regime.kind.bend >= 0)
         if bent.size:
             # The rate of a line that is bent changes with the line's second derivative.
-            second = self.regime.bend[bent]
+            second = self.regime.kind.bend[bent]
             columns, none = np.concatenate([second, e + second]), np.zeros(bent.size)
             rest = (mixed - panels)[:, columns]
             rest[:, : bent.size] += found[:, e + bent]
@@ -139,7 +139,7 @@ class StatusForms:
                     fall += _products(_times(form.blocks, d.T).T, d)
                 total[at] = -fall
         for total, form in zip(found, forms, strict=True):
-            total += _of_loads(form.loads, omega, regime.bend, w.T, own, tau)
+            total += _of_loads(form.loads, omega, regime.kind.bend, w.T, own, tau)
             if np.any(form.panels[0]) or np.any(form.panels[1]):
                 for s, mine in _runs(own):
                     total[mine] += self._on_panels(form.panels, begins[s], tau[mine])
@@ -198,8 +198,8 @@ def _of_belts(regime: Regime, sliding: SlidingPiece) -> tuple[tuple[Array, Array
     belts = np.concatenate([none, pushes.anchors], axis=1)
     forces = sliding.forces.reshape(len(belts), 2, -1)
     of_loads = -flat(forces[:, :, :e]).T @ belts
-    mine = np.flatnonzero(regime.function >= 0)
-    of_loads[mine] += regime.vectors[regime.function[mine]] @ carried
+    mine = np.flatnonzero(regime.kind.function >= 0)
+    of_loads[mine] += regime.base.vectors[regime.kind.function[mine]] @ carried
     work = -0.5 * flat(forces[:, :, e:]).T @ belts, 0.5 * (of_loads + of_loads.T)
     return work, (blocks.T @ taken, lost + lost.T)
 
@@ -212,7 +212,7 @@ def _of_stops(regime: Regime) -> tuple[tuple[Array, Array], tuple[Array, Array]]
     rate = np.concatenate([np.zeros_like(stops.drift), stops.drift], axis=1)
     place = regime.coordinates.reshape(len(k), 2, e + m)
     at_blocks, at_loads = (flat(part) for part in (place[:, :, e:], place[:, :, :e].copy()))
-    at_loads[:, :1] -= np.where(regime.function[:1] == CONSTANT, stops.offset[:, None], 0.0)
+    at_loads[:, :1] -= np.where(regime.kind.function[:1] == CONSTANT, stops.offset[:, None], 0.0)
     speed = regime.velocities(stops.rows)
     carried = speed @ regime.answers.steady
     force = k * at_loads + c * (carried + rate)

@@ -43,7 +43,6 @@ class Start:
     velocity: Array
     #: Contact status just after `time`. By default it follows from the state. Shape (n_contacts,).
     status: Status | None = None
-    touching: int | None = None  #: A contact that switches at `time`, so that it is exactly at its gap.
 
 
 @dataclass(frozen=True)
@@ -157,9 +156,9 @@ def flow(
         )  # fmt: skip
     else:
         status = start.status
-        solution.begin_at(status, displacement, start.touching)
-    edges = [t, *_stops(system, t, stop)]
-    follower = follower_of(solution, edges, t, status, displacement, velocity, PIN_FRACTION, most_events)
+        solution.begin_with(status)
+    solution.since = t
+    follower = follower_of(solution, t, status, displacement, velocity, PIN_FRACTION, most_events)
     while follower.time < stop:
         follower.advance()
         if solution.record.events > most_events:
@@ -170,12 +169,6 @@ def flow(
     end = follower.status, displacement, velocity
     monodromy = None if derivative is None else _changed(solution, derivative, end)
     return Flow(start, stop, displacement, velocity, monodromy, tuple(_events(solution, end)), solution)
-
-
-def _stops(system: System, start: float, stop: float) -> list[float]:
-    """Return the times at which a segment ends in any case, the last of which is the stop."""
-    breaks = [b for load in system.loads for b in load.function.breakpoints(stop)]
-    return [*(float(t) for t in np.unique([b for b in breaks if start < b < stop])), stop]
 
 
 def _changed(solution: EventSolution, changes: Array, end: tuple[Status, Array, Array]) -> Array:

@@ -10,7 +10,7 @@ from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.integrators.event_driven.loop import (
@@ -57,8 +57,6 @@ class Follower:
     """A motion that is followed from segment to segment.
 
     `solution`: keeps the segments.
-    `edges` (shape (k,)): times in s, from the beginning of the run on, between which each load has one closed form. The
-    motion is computed to the last one.
     `time`: time in s from which the motion is computed.
     `status` has shape (n_contacts,).
     `displacement`, `velocity` (shape (n,)): modal state at this time.
@@ -69,13 +67,13 @@ class Follower:
     """
 
     def __init__(
-        self, solution: EventSolution, edges: ArrayLike, time: float, status: Status, displacement: Array,
-        velocity: Array, pin_fraction: float, most_events: int,
+        self, solution: EventSolution, time: float, status: Status, displacement: Array, velocity: Array,
+        pin_fraction: float, most_events: int,
     ) -> None:  # fmt: skip
         self.solution = solution
         self.time, self.status, self.displacement, self.velocity = time, status, displacement, velocity
         self.calls = 0
-        loads = solution.exosystem = solution.loads_between(np.asarray(edges, dtype=float))
+        loads = solution.exosystem
         self._pin_fraction, self._most_events = pin_fraction, most_events
         self._statuses = Statuses(len(loads.omega))
         # The table and the arrays of the record whose places the loop has, and its work space.
@@ -197,11 +195,11 @@ class Follower:
 
 
 def follower_of(
-    solution: EventSolution, edges: ArrayLike, time: float, status: Status, displacement: Array, velocity: Array,
-    pin_fraction: float, most_events: int,
+    solution: EventSolution, time: float, status: Status, displacement: Array, velocity: Array, pin_fraction: float,
+    most_events: int,
 ) -> Follower | Walker:  # fmt: skip
     """Return what follows a motion: the compiled loop, or Python where there are rigid stops or sliders."""
-    arguments = solution, edges, time, status, displacement, velocity, pin_fraction, most_events
+    arguments = solution, time, status, displacement, velocity, pin_fraction, most_events
     if solution.bounces is None and solution.given.sliders is None:
         return Follower(*arguments)
     from vofem.integrators.event_driven.walk import Walker

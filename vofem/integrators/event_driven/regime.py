@@ -224,21 +224,6 @@ class Regime:
         return self.base.spectrum
 
     @property
-    def function(self) -> Integers:
-        """The function that each load is a part of, shape (e,)."""
-        return self.kind.function
-
-    @property
-    def bend(self) -> Integers:
-        """What bends each load, shape (e,), see `Exosystem`."""
-        return self.kind.bend
-
-    @property
-    def vectors(self) -> Array:
-        """Modal load vectors, shape (n_functions, n)."""
-        return self.base.vectors
-
-    @property
     def levels(self) -> Integers:
         """Numbers of blocks at which the frequency has grown by another factor; the last is all blocks."""
         return self.loads + self.spectrum.levels
@@ -268,7 +253,7 @@ class Regime:
             loads[self.sliders.first : c, 0] -= self.pushes.anchors
         force = base.quantities.reactions
         if force is not None:
-            (values, rates), column = base.forces, self.function + 1
+            (values, rates), column = base.forces, self.kind.function + 1
             loads[c:, 0] += force.share @ values[:, column]
             loads[c:, 0, 0] -= force.shift
             if self.pushes is not None:
@@ -319,10 +304,10 @@ class Regime:
     @cached_property
     def load_rows(self) -> Array:
         """The power of the loads as rows over the structure's blocks, by their values and rates, shape (2e, 2m)."""
-        loads, function = self.loads, self.function
+        loads, function = self.loads, self.kind.function
         rows = np.zeros((2 * loads, 2 * self.spectrum.p.size))
         mine = np.flatnonzero(function >= 0)
-        rows[mine] = self.velocities(self.vectors[function[mine]])
+        rows[mine] = self.velocities(self.base.vectors[function[mine]])
         return rows
 
     def velocities(self, rows: Array) -> Array:
@@ -411,11 +396,6 @@ class Motion:
         """Return by how much the states of all blocks have changed at some times, shape (n_times, 2, M)."""
         return self.regime.changes(self.start[None], np.zeros(tau.size, dtype=np.int64), np.asarray(tau, dtype=float))
 
-    def mode_changes(self, tau: Array) -> tuple[Array, Array]:
-        """Return by how much modal displacements and velocities have changed, each of shape (n, n_times)."""
-        displacement, velocity = self.regime.to_modes(self.changes(tau))
-        return displacement.T, velocity.T
-
     def sampled(self, rows: Array, edges: Sequence[float], counts: Sequence[int]) -> tuple[Array, Array, Array]:
         """Return times, so many equal steps from edge to edge, and modal rows (k, n) of the motion there.
 
@@ -438,8 +418,8 @@ class Motion:
 
     def modes(self, tau: Array) -> tuple[Array, Array]:
         """Return modal displacements and velocities, each of shape (n, n_times)."""
-        displacement, velocity = self.mode_changes(tau)
-        return displacement + self.displacement[:, None], velocity + self.velocity[:, None]
+        displacement, velocity = self.regime.to_modes(self.changes(tau))
+        return (displacement + self.displacement).T, (velocity + self.velocity).T
 
 
 def start_motion(regime: Regime, displacement: Array, velocity: Array, w: Array) -> Motion:
@@ -528,15 +508,8 @@ def _with_sliders(regime: Regime, exits: Exits) -> Exits:
     sizes[:, 0, e:], sizes[:, 1, e:] = spectrum.sizes(np.zeros_like(bounds), bounds)
     own, own_sizes = regime._quantities, regime._sizes
     more = sliders.exits(base.status, own[:c], (speeds, sizes), (own[c:], own_sizes[c:]), own_sizes[:c])
-    kept, none = exits.owner < first, np.zeros(len(more.owner))
-    return Exits(
-        np.concatenate([exits.rows[kept], more.rows]),
-        np.concatenate([exits.sizes[kept], more.sizes]),
-        np.concatenate([exits.sign[kept], none]),
-        np.concatenate([exits.level[kept], more.level]),
-        np.concatenate([exits.owner[kept], more.owner]),
-        np.concatenate([exits.leads[kept], more.leads]),
-    )
+    kept = exits.owner < first
+    return Exits(*(np.concatenate([part[kept], own]) for part, own in zip(exits, more, strict=True)))
 
 
 class Regimes:

@@ -12,7 +12,7 @@ import numpy as np
 from vofem._validate import number, whole
 from vofem.arrays import Array
 from vofem.errors import EventStormError, MethodError
-from vofem.integrators.event_driven.flow import solution_of
+from vofem.integrators.event_driven.flow import modal_state, solution_of
 from vofem.integrators.event_driven.follow import follower_of
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.integrators.event_driven.solution import EventSolution
@@ -176,14 +176,11 @@ def _follow(
     solution = solution_of(system, t_end, times, counters)
     space = solution.space
     if resume is None:
-        momentum = system.mass @ np.stack([start.q, start.v], axis=1)
-        displacement, velocity = (space.shapes.T @ momentum).T
+        displacement, velocity = modal_state(system, space, start)
         t, status = 0.0, solution.begin(start, displacement, velocity, pin_fraction)
     else:
         t, status, displacement, velocity = solution.go_on(resume)
-    breaks = np.concatenate([[0.0], *(function.breakpoints(t_end) for function in solution.load_functions)])
-    edges = np.append(np.unique(breaks), t_end)
-    follower = follower_of(solution, edges, t, status, displacement, velocity, pin_fraction, max_events)
+    follower = follower_of(solution, t, status, displacement, velocity, pin_fraction, max_events)
 
     def snapshot() -> Snapshot:
         return solution.snapshot(follower.time, follower.status, follower.displacement, follower.velocity)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.arrays import Array
+from vofem.integrators.event_driven.unloaded import Exits
 from vofem.laws import ContactLaws, FrictionLaws
 from vofem.laws.friction import DOWN, UP
 from vofem.system import CLOSED, PINNED, System
@@ -94,16 +95,6 @@ class Pushes(NamedTuple):
     carried: Array  #: Modal displacements that follow the loads: S. Shape (n, e).
     reaction: Array  #: Reactions of everything pinned to the loads' values, shape (held, e).
     anchors: Array  #: 1 for the loads that an anchor is the sum of, shape (k, e).
-
-
-class Exits(NamedTuple):
-    """Event functions of sliders; see `Regime`."""
-
-    rows: Array
-    sizes: Array
-    level: Array
-    owner: Integers
-    leads: Integers
 
 
 class Sliders:
@@ -197,14 +188,11 @@ class Sliders:
         """
         first, own, signs = self.first, status[self.first :], self.signs(status)
         held = np.flatnonzero(status == PINNED).tolist()
-        rows, bounds, level, owner, leads = [], [], [], [], []
+        found: list[tuple[Any, ...]] = []
         for j in range(len(self)):
             if signs[j]:
-                rows.append(-signs[j] * velocities[0][j])
-                bounds.append(velocities[1][j])
-                level.append(0.0)
-                owner.append(first + j)
-                leads.append(PINNED if self.rigid[j] else CLOSED)
+                stops = PINNED if self.rigid[j] else CLOSED
+                found.append((-signs[j] * velocities[0][j], velocities[1][j], 0.0, 0.0, first + j, stops))
                 continue
             if own[j] == PINNED:
                 assert reaction is not None
@@ -215,15 +203,8 @@ class Sliders:
             for sign, lead in ((1.0, UP), (-1.0, DOWN)):
                 above = sign * row
                 above[0, 0] -= limit
-                rows.append(above)
-                bounds.append(bound)
-                level.append(limit)
-                owner.append(first + j)
-                leads.append(lead)
-        return Exits(
-            np.array(rows), np.array(bounds), np.array(level), np.array(owner, dtype=np.int64),
-            np.array(leads, dtype=np.int64),
-        )  # fmt: skip
+                found.append((above, bound, 0.0, limit, first + j, lead))
+        return Exits(*map(np.array, zip(*found, strict=True)))
 
 
 class SlidingPiece(NamedTuple):

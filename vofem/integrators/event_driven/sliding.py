@@ -20,7 +20,7 @@ from vofem.errors import ConvergenceError, MethodError
 from vofem.integrators.base import Energies
 from vofem.integrators.event_driven.energy import work_and_dissipation
 from vofem.integrators.event_driven.modal_space import ModalSpace
-from vofem.integrators.event_driven.regime import Motion, Regime, Regimes, flat
+from vofem.integrators.event_driven.regime import Regime, Regimes, flat
 from vofem.integrators.event_driven.sliders import Sliders, with_sliders
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.laws.friction import DOWN, UP
@@ -219,12 +219,6 @@ class SlidingSolution(EventSolution):
 
     # -- linear pieces --------------------------------------------------------------------------------
 
-    def loads_between(self, edges: Array) -> Any:
-        """Return the loads and anchors between some times, and the constant 1."""
-        from vofem.integrators.event_driven.exosystem import exosystem
-
-        return exosystem(self.load_functions, edges, constant=True)
-
     @cached_property
     def linear(self) -> Regimes:
         """The linear pieces of all statuses."""
@@ -235,22 +229,8 @@ class SlidingSolution(EventSolution):
         loads, first = self.exosystem, self.contact_count
         place = displacement @ self.space.contacts[first:].T - gaps[:, first:]
         return self.sliders.anchored(
-            loads.at(times), regime.function, regime.blocks.of[1, : regime.loads] ** 0.5, place
+            loads.at(times), regime.kind.function, regime.blocks.of[1, : regime.loads] ** 0.5, place
         )
-
-    def begins(self, regime: Regime, segments: Integers) -> Array:
-        """Return the states of all blocks at the beginnings of some segments, shape (k, 2, M)."""
-        parts, starts = self.record.buffers, self.record.starts[segments]
-        displacement = parts.displacement[segments]
-        w = self.loads_at(regime, starts, displacement, parts.gaps[segments])
-        return regime.begin(displacement, parts.velocity[segments], w)
-
-    def motion(self, index: int) -> Motion:
-        """Return the closed form of the motion in a segment."""
-        regime, _ = next(iter(self.regimes(np.array([index]))))
-        start = self.begins(regime, np.array([index]))
-        displacement, velocity = regime.to_modes(start, shifted=True)
-        return Motion(regime, displacement[0], velocity[0], start[0])
 
     # -- samples --------------------------------------------------------------------------------------
 
@@ -327,10 +307,6 @@ class SlidingSolution(EventSolution):
         kinetic = 0.5 * np.sum(v**2, axis=0)
         strain = 0.5 * np.sum(self.space.stiffness[:, None] * z**2, axis=0) + stored
         return Energies(kinetic, strain, contact, dissipated, work)
-
-    def _lost_in_impacts(self) -> Array | None:
-        """Return the kinetic energy that is lost in impacts on rigid stops at the begin of every segment, J."""
-        return None if self.bounces is None else super()._lost_in_impacts()
 
     @property
     def sensitivity(self) -> Any:

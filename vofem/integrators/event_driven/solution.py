@@ -26,7 +26,7 @@ from vofem.integrators.event_driven.modal_samples import ModalSamples
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.pinned import may_pin, should_pin
 from vofem.integrators.event_driven.record import Record
-from vofem.integrators.event_driven.regime import Motion, Regime, Regimes, drift_of, flat, start_motion
+from vofem.integrators.event_driven.regime import Regime, Regimes, drift_of, flat
 from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.event_driven.sensitivity import growth_along
 from vofem.integrators.event_driven.spectrum import Spectrum
@@ -34,7 +34,7 @@ from vofem.integrators.event_driven.tangent import Passage, bounce, passage
 from vofem.integrators.observer import interruption
 from vofem.integrators.registry import advice
 from vofem.integrators.unclosed import never_closed, open_throughout
-from vofem.kernels.mode import as_it_ran, compiled, kernels
+from vofem.kernels.mode import compiled, kernels
 from vofem.laws import initial_status
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Counters, Events, State, System
 
@@ -122,6 +122,8 @@ class EventSolution:
     #: What a run in Ritz vectors leaves out, and these vectors, shape (n, n_modes); None where all modes are kept.
     truncation: Truncation | None = None
     vectors: Array | None = None
+    #: Time of the loads in s at which the run begins.
+    since = 0.0
 
     def __init__(self, system: System, space: ModalSpace, t_end: float, times: Array, counters: Counters) -> None:
         self.t_end = t_end
@@ -167,9 +169,8 @@ class EventSolution:
         # Answers count their work apart from that of the run.
         _ = solution.linear
         solution.counters, solution.notes = counters, notes
-        record = solution.record
-        record.fill(segments, events.time, events.contact, events.status)
-        solution._initial = events.initial
+        solution.record.fill(segments, events.time, events.contact, events.status)
+        solution._initial, solution.since = events.initial, float(segments.starts[0])
         return solution
 
     @cached_property
@@ -275,14 +276,9 @@ class EventSolution:
             self._bounces = (self.record.events, self.record.segments), found, begun
         return self._bounces[1]
 
-    def begin_at(self, status: Status, displacement: Array, touching: int | None = None) -> None:
-        """Begin with a known status in a modal displacement; a contact that has just switched is at its gap."""
+    def begin_with(self, status: Status) -> None:
+        """Begin with a known status, shape (n_contacts,)."""
         self._initial = status
-        laws = self.system.contacts
-        if laws is not None and touching is not None:
-            gaps = self.space.contacts @ displacement - laws.gap
-            gaps[touching] = 0.0
-            self.gaps_now = gaps
 
     def _offsets(self, times: Array) -> Array:
         """Return what is added to the contacts' coordinates at times, m, shape (n_contacts, n_times)."""
@@ -460,13 +456,10 @@ class EventSolution:
     @cached_property
     def exosystem(self) -> Exosystem:
         """The loads from the begin of the run to its end."""
-        begin = float(self.record.starts[0])
-        breaks = np.concatenate([[begin], *(function.breakpoints(self.t_end) for function in self.load_functions)])
-        return self.loads_between(np.append(np.unique(breaks[(breaks >= begin) & (breaks < self.t_end)]), self.t_end))
-
-    def loads_between(self, edges: Array) -> Exosystem:
-        """Return the loads between some times, of which the breakpoints are some."""
-        return exosystem(self.load_functions, edges, constant=pushes(self.system.contacts))
+        breaks = np.concatenate([[self.since], *(load.breakpoints(self.t_end) for load in self.load_functions)])
+        edges = np.append(np.unique(breaks[(breaks >= self.since) & (breaks < self.t_end)]), self.t_end)
+        constant = self.given.sliders is not None or pushes(self.system.contacts)
+        return exosystem(self.load_functions, edges, constant=constant)
 
     def regime(self, status: Status, kind: int) -> Regime:
         """Return the linear piece of a contact status under loads of a kind."""
@@ -487,16 +480,9 @@ class EventSolution:
 
     def begins(self, regime: Regime, segments: NDArray[np.int64]) -> Array:
         """Return the states of all blocks at the beginnings of some segments, shape (k, 2, M)."""
-        parts, starts = self.record.buffers, self.record.starts[segments]
-        return regime.begin(parts.displacement[segments], parts.velocity[segments], self.exosystem.at(starts))
-
-    @as_it_ran
-    def motion(self, index: int) -> Motion:
-        """Return the closed form of the motion in a segment."""
-        displacement, velocity = self.record.state(index)
-        loads, start = self.exosystem, self.record.starts[index : index + 1]
-        regime = self.regime(self.record.status(index), int(loads.kind[loads.interval(start)[0]]))
-        return start_motion(regime, displacement, velocity, loads.at(start)[0])
+        parts, displacement = self.record.buffers, self.record.buffers.displacement[segments]
+        w = self.loads_at(regime, self.record.starts[segments], displacement, parts.gaps[segments])
+        return regime.begin(displacement, parts.velocity[segments], w)
 
     # -- sampling ---------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from contextlib import nullcontext
 from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.errors import EventStormError
@@ -54,18 +54,19 @@ class Walker:
     """A motion that is followed from segment to segment; see `follow.Follower`, whose interface it has."""
 
     def __init__(
-        self, solution: EventSolution, edges: ArrayLike, time: float, status: Status, displacement: Array,
-        velocity: Array, pin_fraction: float, most_events: int,
+        self, solution: EventSolution, time: float, status: Status, displacement: Array, velocity: Array,
+        pin_fraction: float, most_events: int,
     ) -> None:  # fmt: skip
         self.solution = solution
         self.time, self.status, self.displacement, self.velocity = time, status.copy(), displacement, velocity
-        solution.exosystem = solution.loads_between(np.asarray(edges, dtype=float))
         laws = solution.system.contacts
         assert laws is not None
         self._laws, self._rows, self._pin_fraction = laws, solution.space.contacts, pin_fraction
         # The largest speed of approach of each rigid stop.
         self._largest = np.zeros(len(laws))
         self._sliders = len(laws) if not isinstance(solution, SlidingSolution) else solution.contact_count
+        # Whether the present state is that after a bounce.
+        self._bounced = False
         # Sliders that have changed their status at the last event.
         self._triggered: set[int] = set()
         # What searches take of linear pieces, by these.
@@ -121,7 +122,7 @@ class Walker:
 
     def _record(self) -> int:
         """Begin a segment in the present state; return its number."""
-        record = self.solution.record
+        record, self._bounced = self.solution.record, False
         record.add(self.time, self.status, self.displacement, self.velocity)
         record.buffers.gaps[record.segments - 1] = self._gaps
         record.buffers.durations[record.segments - 1] = 0.0
@@ -249,7 +250,7 @@ class Walker:
         `touching` (shape (n_contacts,)): rigid stops without those at which something rests, which join when an impact
         moves it.
         """
-        laws, rows = self._laws, self._rows
+        laws, rows, done = self._laws, self._rows, set[int]()
         for _ in range(_MOST_AT_ONCE):
             at_rest = laws.rigid & (self.status == PINNED)
             speed, zero = rows @ self.velocity, _ZERO * (np.abs(rows) @ np.abs(self.velocity))
@@ -259,17 +260,17 @@ class Walker:
                 self._change(j, OPEN)
             settled = touching & (speed >= -zero) & ((speed <= limit) | (laws.restitution == 0.0))
             moving = (touching | at_rest) & ~settled & (speed > limit)
-            if not moving.any():
+            if moving.any():
+                j = int(np.argmax(np.where(moving, speed, -np.inf)))
+                self._bounce(j)
+                touching[j] = True
+            elif not self._settle(settled & (self.status != PINNED), zero, done):
                 break
-            j = int(np.argmax(np.where(moving, speed, -np.inf)))
-            self._bounce(j)
-            touching[j] = True
         else:
             raise EventStormError(
                 f"more than {_MOST_AT_ONCE} impacts at t = {self.time:.6g} s: bodies are caught between rigid stops "
                 f"such as {laws.labels[int(np.argmax(touching))]}"
             )
-        self._settle(settled)
         speed = rows @ self.velocity
         chattering = (self.status == PINNED) & laws.jump & (np.abs(speed) > zero)
         for j in np.flatnonzero(chattering).tolist():
@@ -301,9 +302,15 @@ class Walker:
         self.velocity = struck(self._rows[j], float(self._laws.restitution[j]), self.velocity)
         self._log(j, CLOSED)
         self._change(j, OPEN)
+        self._bounced = True
 
-    def _settle(self, settled: NDArray[np.bool_]) -> None:
-        """Pin the contacts that no longer move against their stops if forces press them on; else let them go."""
+    def _settle(self, settled: NDArray[np.bool_], zero: Array, done: set[int]) -> bool:
+        """Pin the contacts that no longer move against their stops if forces press them on; else let them go.
+
+        One that would have to pull at another stop, so that this holds what rests there, is let go as well. The return
+        value tells whether one that is let go has bounced, after which others may move. `done` holds the numbers of
+        these; `zero` is the rounding of the speeds.
+        """
         solution = self.solution
         space, load = solution.space, solution.load(self.time)
         for j in np.flatnonzero(settled).tolist():
@@ -312,6 +319,7 @@ class Walker:
             velocity = self.velocity - np.linalg.pinv(held) @ (held @ self.velocity)
             force = acceleration(space, None, self.status, self.displacement, velocity, load)
             pushed, size = self._pushed(int(j), velocity), np.abs(row) @ np.abs(force)
+            pulled = self._pulls(settled, zero)
             if abs(pushed) <= _ZERO * size:
                 # Nothing pushes yet. The rate of the forces decides, as at the begin of a load.
                 rates = (
@@ -320,7 +328,21 @@ class Walker:
                 )
                 rate = sum(rates, -space.stiffness * velocity - space.damping_force(force))
                 pushed, size = float(row @ rate), 0.0
-            if pushed > _ZERO * size:
+            if pushed > _ZERO * size and not (pulled and j not in done):
+                if self._bounced:
+                    # Others have bounced at the same time: what each impact does is between segments of its own.
+                    self._record()
                 self._change(j, PINNED)
-            elif row @ self.velocity > 0.0:
+            elif row @ self.velocity > 0.0 and j not in done:
                 self._bounce(j)
+                done.add(j)
+                return True
+        return False
+
+    def _pulls(self, settled: NDArray[np.bool_], zero: Array) -> bool:
+        """Return whether contacts that came to rest now would have to be pulled at by a stop where others rest."""
+        rest = self._laws.rigid & (self.status == PINNED)
+        number = np.flatnonzero(settled | rest)
+        rows = self._rows[number]
+        impulse = np.linalg.lstsq(rows @ rows.T, rows @ self.velocity, rcond=None)[0]
+        return bool(np.any(rest[number] & (impulse * np.sum(rows**2, axis=1) < -zero[number])))

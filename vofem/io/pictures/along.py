@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import array
+from vofem._validate import series
 from vofem.bodies import Beam
 from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
@@ -71,7 +71,7 @@ def shapes(
     """
     runs: Mapping[str, Outcome] = outcome if isinstance(outcome, Mapping) else {"": outcome}
     others: Mapping[str, Any] = beside if isinstance(beside, Mapping) else dict.fromkeys(runs, beside)
-    at = [None] if times is None else np.atleast_1d(array("shapes: times", times)).tolist()
+    at = [None] if times is None else series("shapes: times", times).tolist()
     drawn = {title: _Shapes(run, at, scene, body) for title, run in runs.items()}
     factor, unit = length(max(float(np.max(np.abs(shape.eta))) for shape in drawn.values()))
     width = 9.0 if len(runs) == 1 else 2.0 + 4.6 * len(runs)

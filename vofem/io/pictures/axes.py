@@ -9,13 +9,16 @@ from __future__ import annotations
 import functools
 import inspect
 import os
+import re
 import weakref
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from types import UnionType
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from vofem._validate import wrong
 from vofem.errors import ArgumentError
 from vofem.files.whole import documented, replacing, target
 
@@ -55,18 +58,36 @@ F = TypeVar("F", bound=Callable[..., Any])
 def figure(draw: F) -> F:
     """Make a function of the user of one that draws on a `Canvas` and returns it.
 
-    The function has parameters `path` and `ax`. A file that cannot be written is told before the work begins. What is
-    drawn is written to `path`, which is returned, or else the axes are. The docstring gets what all of them share.
+    The function has parameters `path` and `ax`, and its first one is what is drawn. If this is nothing of its type, or
+    the file cannot be written, that is told before the work begins. What is drawn is written to `path`, which is
+    returned, or else the axes are. The docstring gets what all of them share.
     """
-    place = list(inspect.signature(draw).parameters).index("path")
+    names = list(inspect.signature(draw).parameters)
+    subject, place = names[0], names.index("path")
+    expected = re.search(rf"^ *{subject} : (.*)$", draw.__doc__ or "", re.MULTILINE)
+    assert expected is not None
 
     @functools.wraps(draw)
     def drawn(*given: Any, **named: Any) -> Any:
         goal_of(named.get("path", given[place] if len(given) > place else None))
+        thing = given[0] if given else named.get(subject)
+        if not _fits(thing, get_type_hints(draw)[subject]):
+            raise wrong(f"{draw.__name__}: {subject}", repr(thing), expected[1])
         return draw(*given, **named).done()
 
     drawn.__doc__ = documented(draw, _SHARED, "Path or matplotlib axes\n    `path` where one is given, else the axes.")
     return drawn  # type: ignore[return-value]
+
+
+def _fits(thing: Any, hint: Any) -> bool:
+    """Return whether a thing is of a type, or a mapping or sequence of such things that is not empty."""
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin is UnionType:
+        return any(_fits(thing, part) for part in parts)
+    if origin is None:
+        return isinstance(thing, hint)
+    within = thing.values() if isinstance(thing, Mapping) else thing
+    return isinstance(thing, origin) and bool(within) and all(_fits(one, parts[-1]) for one in within)
 
 
 # -- the look -----------------------------------------------------------------------------------------
@@ -169,7 +190,9 @@ class Canvas:
         """Write the file; return its path, or without one the axes: one, or an array of them."""
         if self._goal is None:
             return self.grid[0, 0] if self.grid.size == 1 else np.squeeze(self.grid)
-        return save(self.figure, self._goal)
+        with replacing(self._goal) as temporary:
+            self.figure.savefig(temporary)
+        return self._goal
 
 
 def single(what: str, path: Where, ax: Any, size: tuple[float, float]) -> tuple[Canvas, Any]:
@@ -195,19 +218,6 @@ def _given(what: str, ax: Any, count: int) -> Any:
         expected = "matplotlib axes" if count == 1 else f"{count} matplotlib axes in a sequence"
         raise ArgumentError(f"{what}: ax is {ax!r}, expected {expected}; leave it out for a figure of its own")
     return listed
-
-
-def panels(size: tuple[float, float], rows: int = 1, columns: int = 1, **options: Any) -> tuple[Any, Any]:
-    """Return a new figure for a file, with its size in inches, and its axes, shape (rows, columns)."""
-    canvas = Canvas("panels", "panels.png", None, size, rows, columns, **options)
-    return canvas.figure, canvas.grid
-
-
-def save(figure: Any, goal: Path) -> Path:
-    """Write a figure to its file, completely or not at all."""
-    with replacing(goal) as temporary:
-        figure.savefig(temporary)
-    return goal
 
 
 def plain(text: str) -> str:

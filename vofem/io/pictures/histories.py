@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vofem._validate import wrong
+from vofem._validate import listed, wrong
 from vofem.arrays import Array
 from vofem.bodies.base import Point
 from vofem.bodies.path import TravellingPoint
@@ -44,9 +44,9 @@ def time_history(
     """Draw the displacement of points over time, and the stiffness K_eq of contacts below it.
 
     Times at which a contact is closed are shaded. A dashed line shows the displacement at which it closes, but for
-    contacts that travel. A motion
-    with very many oscillations would be a solid block, so its envelope is drawn: the least and the largest displacement
-    in each of up to 400 parts of the window. Below it is then the share of each part in which contacts are closed.
+    contacts that travel. A motion with very many oscillations would be a solid block, so its envelope is drawn: the
+    least and the largest displacement in each of up to 400 parts of the window. Below it is then the share of each part
+    in which contacts are closed.
 
     Parameters
     ----------
@@ -205,8 +205,7 @@ def _share(row: Array) -> None:
 
 def _contacts(result: Result, points: list[Point], wanted: Any) -> list[Contact | RigidStop]:
     if wanted is not None:
-        names = [wanted] if isinstance(wanted, (str, Contact, RigidStop)) else list(wanted)
-        held = {result.contacts[name].name for name in names}
+        held = {result.contacts[name].name for name in listed(wanted)}
         return [contact for contact in all_contacts(result.scene) if contact.name in held]
     bodies = {point.body.name for point in points}
     of_bodies = [c for c in result.scene.contacts if any(p.body.name in bodies for p in c.points())]
@@ -217,7 +216,7 @@ def _contacts(result: Result, points: list[Point], wanted: Any) -> list[Contact 
 
 
 def _points(wanted: Any) -> list[Point]:
-    points = list(wanted) if isinstance(wanted, Iterable) and not isinstance(wanted, str) else [wanted]
+    points = listed(wanted)
     for point in points:
         if not isinstance(point, Point):
             raise wrong("point", repr(point), "beam.at(x) or a Mass")

@@ -18,6 +18,9 @@ from vofem.result import Result
 #: Number of times at which the force is evaluated in a run that is known at any time.
 _SAMPLES = 40_000
 
+#: Most bins of a histogram.
+_MOST_BINS = 100_000
+
 #: What is drawn of impacts: field, label, and name of the unit among those of the contact.
 _QUANTITIES = (
     ("peak_force", "peak force", "force"),
@@ -51,7 +54,7 @@ def force_histogram(
         If the contact is unknown, or does not close in the window.
     """
     history, path = _one(result, contact, path, "force_histogram")
-    bins = whole("force_histogram: bins", bins)
+    bins = whole("force_histogram: bins", bins, most=_MOST_BINS)
     begin, end = window_of("force_histogram", window, float(result.solution.t_end))
     times = result.times[(result.times >= begin) & (result.times <= end)]
     if result.solution.continuous:
@@ -103,7 +106,7 @@ def impact_statistics(
         If the contact is unknown, has no impacts in the window, or has forces that cannot be computed from the run.
     """
     history, path = _one(result, contact, path, "impact_statistics")
-    bins = whole("impact_statistics: bins", bins)
+    bins = whole("impact_statistics: bins", bins, most=_MOST_BINS)
     begin, end = window_of("impact_statistics", window, float(result.solution.t_end))
     impacts = history.impacts
     within = (impacts.closing >= begin) & (impacts.closing <= end)

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from vofem.arrays import Array
 from vofem.bodies.base import Body, Point
+from vofem.errors import ArgumentError
 from vofem.io.pictures.places import is_line
 from vofem.io.pictures.snapshot import BodyState, Link, Snapshot
 from vofem.io.pictures.units import nice_below
@@ -23,6 +25,20 @@ HEADER, SCALE_BAND, DIAGRAMS, SIDES = 74.0, 112.0, 150.0, (190.0, 210.0)
 
 #: Factor by which bodies shrink at most; more bodies than fit then cannot be shown clearly.
 _SMALLEST = 0.1
+
+#: Fewest and most pixels of a picture in each direction.
+_FEWEST, _MOST = 200, 8000
+
+
+def picture_size(size: Any) -> tuple[int, int]:
+    """Return width and height of a picture in pixels; raise `ArgumentError` where it cannot have that size."""
+    try:
+        width, height = (int(side) for side in size)
+    except (TypeError, ValueError, OverflowError):
+        raise ArgumentError(f"a picture's size is {size!r}, expected (width, height) in pixels") from None
+    if not (_FEWEST <= width <= _MOST and _FEWEST <= height <= _MOST):
+        raise ArgumentError(f"a picture's size is {size!r}, expected {_FEWEST} to {_MOST} pixels each way")
+    return width, height
 
 
 def full_scale(size: tuple[int, int]) -> float:

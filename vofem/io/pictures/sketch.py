@@ -8,15 +8,12 @@ from vofem._validate import number
 from vofem.arrays import Array
 from vofem.bodies import Beam
 from vofem.effects import Joint
-from vofem.errors import ArgumentError
 from vofem.io.pictures.drawing import BLOCK, GROUND, INK, MASS, OPEN_TEXT, OUTLINE, PAPER, SPRING, Drawing, Label, Strip
-from vofem.io.pictures.layout import BAR, Lane, Layout, arrange, full_scale, side_of_ground
+from vofem.io.pictures.layout import BAR, Lane, Layout, arrange, full_scale, picture_size, side_of_ground
 from vofem.io.pictures.links import add_contact_forces, add_links, add_loads
 from vofem.io.pictures.places import is_line
 from vofem.io.pictures.snapshot import Snapshot
 from vofem.io.pictures.units import length, nice_above, nice_below, prefixed, spell, three_digits
-
-_SMALLEST, _LARGEST = 200, 8000
 
 
 def sketch(
@@ -29,7 +26,7 @@ def sketch(
     `forces`: whether closed contacts are highlighted and arrows show their forces.
     `title`: text before the time.
     """
-    size = _checked(size)
+    size = picture_size(size)
     if magnification is not None:
         magnification = number("a picture's magnification", magnification, positive=True)
     layout = arrange(view, size, magnification)
@@ -58,16 +55,6 @@ def sketch(
     if layout.magnification is None and not view.title:
         _scale_of_motion(drawing, layout)
     return drawing
-
-
-def _checked(size: tuple[int, int]) -> tuple[int, int]:
-    try:
-        width, height = (int(side) for side in size)
-    except (TypeError, ValueError):
-        raise ArgumentError(f"a picture's size is {size!r}, expected (width, height) in pixels") from None
-    if not (_SMALLEST <= width <= _LARGEST and _SMALLEST <= height <= _LARGEST):
-        raise ArgumentError(f"a picture's size is {size!r}, expected {_SMALLEST} to {_LARGEST} pixels each way")
-    return width, height
 
 
 def _title(drawing: Drawing, view: Snapshot, layout: Layout, before: str) -> None:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import several
 from vofem.arrays import Array
 from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
@@ -66,7 +65,7 @@ def response_curve(
     ArgumentError
         If the branch has no orbits, or `point` is not a point of a body.
     """
-    branches = several("response_curve: branch", branch, Branch, "vf.continuation")
+    branches = [branch] if isinstance(branch, Branch) else branch
     place = as_point("response_curve: point", point)
     if not all(len(one) for one in branches):
         raise ArgumentError("response_curve: a branch has no orbits; its status says why it ended")
@@ -122,7 +121,7 @@ def locus(
     ArgumentError
         If an argument is not a locus.
     """
-    loci = several("locus: curves", curves, Locus, "vf.locus")
+    loci = [curves] if isinstance(curves, Locus) else curves
     canvas, axes = single("locus", path, ax, (9.0, 5.4))
     for one in loci:
         _, number, name = MARKS[one.kind]
@@ -166,8 +165,7 @@ def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: W
     ArgumentError
         If the multipliers of no orbit are known.
     """
-    given = list(orbit.orbits) if isinstance(orbit, Branch) else orbit
-    orbits = several("multipliers: orbit", given, PeriodicOrbit, "vf.periodic")
+    orbits = orbit.orbits if isinstance(orbit, Branch) else [orbit] if isinstance(orbit, PeriodicOrbit) else orbit
     known = [one.multipliers for one in orbits if one.multipliers is not None]
     if not known:
         raise ArgumentError(
@@ -220,7 +218,7 @@ def phase_portrait(
     ArgumentError
         If an argument is not an orbit, or not a point.
     """
-    orbits = several("phase_portrait: orbit", orbit, PeriodicOrbit, "vf.periodic")
+    orbits = [orbit] if isinstance(orbit, PeriodicOrbit) else orbit
     place = as_point("phase_portrait: point", point)
     canvas, axes = single("phase_portrait", path, ax, (7.6, 5.4))
     drawn = []
@@ -275,8 +273,6 @@ def poincare_section(section: PoincareSection, point: Any, path: Where = None, *
     ArgumentError
         If an argument is not a section, or not a point.
     """
-    if not isinstance(section, PoincareSection):
-        raise ArgumentError(f"poincare_section: section is {section!r}, expected what vf.poincare returns")
     place = as_point("poincare_section: point", point)
     u, v = section.displacement(place), section.velocity(place)
     scale = length(float(np.abs(u).max()))
@@ -303,7 +299,7 @@ def backbone_curve(branch: Branch | Sequence[Branch], path: Where = None, *, ax:
     ArgumentError
         If the branch is not a backbone.
     """
-    branches = several("backbone_curve: branch", branch, Branch, "vf.backbone")
+    branches = [branch] if isinstance(branch, Branch) else branch
     canvas, axes = single("backbone_curve", path, ax, (7.6, 5.2))
     for k, one in enumerate(branches):
         color = color_of(k)

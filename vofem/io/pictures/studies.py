@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import choice, wrong
+from vofem._validate import choice
 from vofem.errors import ArgumentError
 from vofem.fitting import Fit
 from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, figure, ink, legend, plain, single, stroke, text_size
@@ -330,8 +330,6 @@ def fit(result: Fit, path: Where = None, *, ax: Any = None) -> Any:
         The axes to draw into, in the order of rows: those of all measurements, then those of their residuals. By
         default a new figure is made.
     """
-    if not isinstance(result, Fit):
-        raise wrong("fit: result", repr(result), "what vf.fit returns")
     count = len(result.data)
     canvas = Canvas("fit", path, ax, (6.0 + 2.0 * count, 5.6), rows=2, columns=count)
     row, shift = 0, 0

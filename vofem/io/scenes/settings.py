@@ -14,7 +14,7 @@ from vofem.effects.kinds import AtPoint
 from vofem.errors import ArgumentError
 from vofem.integrators.registry import method_named, method_names
 from vofem.parameters import Choice, Count, Kind, Name, Numbers, Real, declared, rule
-from vofem.parameters.declared import keys_of, made_of, read, read_values, schema_of, write, write_inside
+from vofem.parameters.declared import keys_of, made_of, read, read_values, write, write_inside
 from vofem.parameters.place import INVALID, Book, Invalid, Place
 from vofem.simulate.methods import option_names
 
@@ -64,10 +64,6 @@ class Times(Kind):
         """Return the table or the array."""
         return write_inside(value, book) if isinstance(value, UniformTimes) else Numbers().write(value, book)
 
-    def described(self) -> dict[str, Any]:
-        """Return both."""
-        return {"anyOf": [schema_of(UniformTimes), Numbers().described()], **super().described()}
-
 
 @dataclass(frozen=True)
 class OneOrMore(Kind):
@@ -98,11 +94,6 @@ class OneOrMore(Kind):
         """Return an array, or the value where it is one; nothing where there is none."""
         parts = [self.each.write(part, book) for part in value]
         return parts[0] if len(parts) == 1 else parts
-
-    def described(self) -> dict[str, Any]:
-        """Return both."""
-        one = self.each.described()
-        return {"anyOf": [one, {"type": "array", "items": one}], **super().described()}
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, astuple
 from functools import cache, cached_property
 from itertools import pairwise
@@ -17,7 +17,7 @@ from numpy.polynomial import Polynomial
 
 from vofem.arrays import Array
 from vofem.errors import ArgumentError, ConvergenceError, MissingCallableError, SceneFileError
-from vofem.files.hdf5 import check_format, mark_format, writing
+from vofem.files.hdf5 import BRANCH, LOCUS, checked_group, mark_format, writing
 from vofem.files.whole import target
 from vofem.io.scenes.scene_text import read_tables, scene_to_toml
 from vofem.io.storage.tree import read_tree, write_tree
@@ -25,7 +25,6 @@ from vofem.parameters import changed
 from vofem.parameters.place import Book
 from vofem.scene import Scene
 from vofem.studies.steady import Branch, BranchCounters, Locus, PeriodicOrbit, SpecialPoint
-from vofem.studies.steady.branch import Orbits
 from vofem.studies.steady.condensed import condensed
 from vofem.studies.steady.family import Family, Interval, problem_of
 from vofem.studies.steady.follow import Follower
@@ -38,9 +37,6 @@ from vofem.studies.steady.steady_state import as_guess
 from vofem.system import State
 
 SUFFIXES = (".h5", ".hdf")
-
-#: Names of the groups by which a file is known to hold a branch or a locus, and not a run.
-GROUP, LOCUS = "vofem_branch", "vofem_locus"
 
 #: Degree of polynomials by which numbers of scenes may depend on the parameter, and their relative rounding.
 _DEGREE, _ROUNDING = 4, 1e-13
@@ -73,15 +69,10 @@ def save(curve: Branch | Locus, path: str | os.PathLike[str], *, overwrite: bool
         **own,
     }
     with writing(goal, overwrite=overwrite) as blocks:
-        group = blocks.file.create_group(GROUP if isinstance(curve, Branch) else LOCUS, track_order=True)
+        group = blocks.file.create_group(BRANCH if isinstance(curve, Branch) else LOCUS, track_order=True)
         mark_format(group, FORMAT)
         write_tree(group, record)
     return goal
-
-
-def holds(file: h5py.File) -> str:
-    """Return what a file that is open holds: "branch", "locus", or nothing of the two."""
-    return "branch" if GROUP in file else "locus" if LOCUS in file else ""
 
 
 def _orbits(orbits: Sequence[PeriodicOrbit], folder: Path) -> dict[str, Any]:
@@ -115,77 +106,72 @@ def _orbits(orbits: Sequence[PeriodicOrbit], folder: Path) -> dict[str, Any]:
 
 def read(file: h5py.File) -> Branch | Locus:
     """Return the branch or locus in a file that is open; see `vofem.load`."""
-    own = file[GROUP if GROUP in file else LOCUS]
-    check_format(own, FORMAT)
-    record = read_tree(own)
+    record = read_tree(checked_group(file, (BRANCH, LOCUS), FORMAT, "a branch or a locus"))
     folder = Path(file.filename).parent
     kept = record["orbits"]
-    makers = [_maker(kept, k, folder) for k in range(len(kept["method"]))]
-    count = len(makers) - len(record["special"])
+    orbits = [_orbit(kept, k, folder) for k in range(len(kept["method"]))]
+    count = len(orbits) - len(record["special"])
     special = [
-        SpecialPoint(kind, value, makers[count + k](), contact, place, other)
-        for k, (kind, value, contact, place, other) in enumerate(record["special"])
+        SpecialPoint(kind, value, orbit, contact, place, other)
+        for orbit, (kind, value, contact, place, other) in zip(orbits[count:], record["special"], strict=True)
     ]
     values: Any = record["values"]
     shared: dict[str, Any] = {name: record[name] for name in ("notes", "interrupted")}
     shared |= {"values": values, "special": special, "counters": BranchCounters(**record["counters"])}
-    if GROUP not in file:
+    if LOCUS in file:
         return Locus(kind=record["kind"], contact=record["contact"], **shared)
-    orbits = Orbits(makers[:count])
     free = bool(np.any(kept["autonomous"]))
-    source = None if free else _Loaded(kept, values, special, orbits, folder)
-    return Branch(orbits=orbits, periods=record["periods"], _source=source, **shared)
+    source = None if free else _Loaded(kept, values, special, orbits[:count], folder)
+    return Branch(orbits=orbits[:count], periods=record["periods"], _source=source, **shared)
 
 
-def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicOrbit]:
-    def make() -> PeriodicOrbit:
-        periods, method = int(kept["periods"][k]), kept["method"][k]
-        omega, unknowns = float(kept["omega"][k]), kept["unknowns"][k]
-        left_out = kept["truncation"][k]
-        truncation = None if left_out is None else OrbitTruncation(*left_out)
-        start = None if kept["q"] is None else State(kept["q"][k], kept["v"][k])
+def _orbit(kept: dict[str, Any], k: int, folder: Path) -> PeriodicOrbit:
+    """Return orbit k of a file, whose scene is read when it is first needed."""
+    periods, method = int(kept["periods"][k]), kept["method"][k]
+    omega, unknowns = float(kept["omega"][k]), kept["unknowns"][k]
+    left_out = kept["truncation"][k]
+    truncation = None if left_out is None else OrbitTruncation(*left_out)
+    start = None if kept["q"] is None else State(kept["q"][k], kept["v"][k])
 
-        @cache
-        def scene() -> Scene:
-            return _scene(kept["scenes"][k], kept["problems"][k], folder)
+    @cache
+    def scene() -> Scene:
+        return _scene(kept["scenes"][k], kept["problems"][k], folder)
 
-        @cache
-        def problem() -> Any:
-            harmonics = harmonics_in(scene(), unknowns.size) if method == "harmonic_balance" else None
-            found = problem_of("load", scene(), method, periods, period=2.0 * np.pi / omega, harmonics=harmonics)
-            return as_guess(found, orbit)
+    @cache
+    def problem() -> Any:
+        harmonics = harmonics_in(scene(), unknowns.size) if method == "harmonic_balance" else None
+        found = problem_of("load", scene(), method, periods, period=2.0 * np.pi / omega, harmonics=harmonics)
+        return as_guess(found, orbit)
 
-        def result() -> Any:
-            if start is None:
-                return problem().orbit(unknowns, problem().evaluate(unknowns)).result
-            duration = 2.0 * np.pi * periods / omega
-            if truncation is None:
-                return orbit_result(scene(), start, duration)
-            few = condensed(scene().model.system, unknowns.size // 2, None)
-            return orbit_result(scene(), start, duration, few, truncation.error)
+    def result() -> Any:
+        if start is None:
+            return problem().orbit(unknowns, problem().evaluate(unknowns)).result
+        duration = 2.0 * np.pi * periods / omega
+        if truncation is None:
+            return orbit_result(scene(), start, duration)
+        few = condensed(scene().model.system, unknowns.size // 2, None)
+        return orbit_result(scene(), start, duration, few, truncation.error)
 
-        @cache
-        def motion() -> Any:
-            if start is None:
-                return result().solution.motion
-            chart, y = signature_at(problem(), problem().from_orbit(orbit))
-            return chart.evaluate(problem(), y, derivative=False)
+    @cache
+    def motion() -> Any:
+        if start is None:
+            return result().solution.motion
+        chart, y = signature_at(problem(), problem().from_orbit(orbit))
+        return chart.evaluate(problem(), y, derivative=False)
 
-        orbit = PeriodicOrbit(
-            OrbitSource(scene, motion, result, lambda: kept["multipliers"][k], stable=lambda: kept["stable"][k]),
-            method,
-            omega,
-            periods,
-            residual=float(kept["residual"][k]),
-            truncation=truncation,
-            notes=list(kept["notes"][k]),
-            unknowns=unknowns,
-            autonomous=bool(kept["autonomous"][k]),
-            start=start,
-        )
-        return orbit
-
-    return make
+    orbit = PeriodicOrbit(
+        OrbitSource(scene, motion, result, lambda: kept["multipliers"][k], stable=lambda: kept["stable"][k]),
+        method,
+        omega,
+        periods,
+        residual=float(kept["residual"][k]),
+        truncation=truncation,
+        notes=list(kept["notes"][k]),
+        unknowns=unknowns,
+        autonomous=bool(kept["autonomous"][k]),
+        start=start,
+    )
+    return orbit
 
 
 def _scene(text: str, problem: str, folder: Path, content: dict[str, Any] | None = None) -> Scene:

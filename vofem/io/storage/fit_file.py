@@ -10,7 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from vofem.files.hdf5 import check_format, mark_format, writing
+from vofem.files.hdf5 import FIT, checked_group, mark_format, writing
 from vofem.files.whole import target
 from vofem.fitting import Fit
 from vofem.fitting.fit import FitStart
@@ -21,9 +21,6 @@ from vofem.scene import Scene
 from vofem.sensitivities import Parameter
 
 SUFFIXES = (".h5", ".hdf")
-
-#: Name of the group by which a file is known to hold a fit.
-GROUP = "vofem_fit"
 
 #: Version of the format. It is increased when this version could not read the new files.
 FORMAT = 1
@@ -47,21 +44,15 @@ def save(fit: Fit, path: str | os.PathLike[str], *, overwrite: bool = False) -> 
         "data": [_data(one, fit.until) for one in fit.data],
     }
     with writing(goal, overwrite=overwrite) as blocks:
-        group = blocks.file.create_group(GROUP, track_order=True)
+        group = blocks.file.create_group(FIT, track_order=True)
         mark_format(group, FORMAT)
         write_tree(group, record, encoder(times))
     return goal
 
 
-def holds(file: h5py.File) -> bool:
-    """Return whether a file that is open holds a fit."""
-    return GROUP in file
-
-
 def read(file: h5py.File, scene: Scene | None = None) -> Fit:
     """Return the fit in a file that is open; see `vofem.load`."""
-    check_format(file[GROUP], FORMAT)
-    record = read_tree(file[GROUP], decode)
+    record = read_tree(checked_group(file, (FIT,), FORMAT, "a fit"), decode)
     scene = restored_scene(record["scene"], scene, "load", "file")
     things = (*scene.bodies, *scene.effects)
     parameters = [

@@ -21,8 +21,8 @@ import h5py
 import numpy as np
 
 from vofem._validate import array, number
-from vofem.errors import ArgumentError, SceneFileError, StorageError
-from vofem.files.hdf5 import Blocks, check_format, mark_format, reading, write_rows, writing
+from vofem.errors import ArgumentError, SceneFileError
+from vofem.files.hdf5 import RUN, Blocks, checked_group, mark_format, write_rows, writing
 from vofem.files.whole import refuse_existing, target, try_to_write
 from vofem.histories import Energy
 from vofem.integrators.base import Energies, Samples, Solution
@@ -121,7 +121,7 @@ def save(
     with writing(goal, overwrite=overwrite) as blocks:
         file = blocks.file
         # netCDF requires that groups keep the order in which their members were made.
-        own = file.create_group("vofem", track_order=True)
+        own = file.create_group(RUN, track_order=True)
         mark_format(own, FORMAT)
         own.attrs["method"] = result.method
         own.attrs["compiled"] = result.compiled
@@ -179,15 +179,9 @@ def _write_toml(group: h5py.Group, result: Result, goal: Path) -> None:
     write_text(group, "scene.toml", text)
 
 
-def load(path: str | os.PathLike[str]) -> Result:
-    """Return the Result that `Result.save` has written; see `vofem.load`."""
-    with reading(path) as file:
-        return read(file)
-
-
 def read(file: h5py.File, scene: Scene | None = None) -> Result:
     """Return the Result that `Result.save` has written to a file that is open; see `vofem.load`."""
-    own = _checked(file)
+    own = checked_group(file, (RUN,), FORMAT, "a run that Result.save has written")
     history = read_history(file["history"])
     record = read_tree(own["run"], decode)
     scene, t_start = restored_scene(record["scene"], scene, "load", "file"), record["t_start"]
@@ -210,13 +204,3 @@ def read(file: h5py.File, scene: Scene | None = None) -> Result:
     if history.contacts is not None:
         result.__dict__["contact_samples"] = history.contacts
     return result
-
-
-def _checked(file: h5py.File) -> h5py.Group:
-    """Return the group of vofem, or say what the file is instead."""
-    name = file.filename
-    if "vofem" not in file or "format" not in file["vofem"].attrs:
-        raise StorageError(f"{name} is an HDF5 file of another program, expected one that Result.save has written")
-    own = file["vofem"]
-    check_format(own, FORMAT)
-    return own

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from vofem._validate import number, whole
+from vofem._validate import listed, number, whole
+from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError, VofemError
 from vofem.integrators.methods import EVENT_DRIVEN
 from vofem.integrators.registry import without_second_run
@@ -83,7 +84,8 @@ class Bench:
         self.source = Source(scene, self.meshes[0] if self.meshes else None)
         times = np.linspace(0.0, self.t_end, whole(f"{what}: samples", samples, 2))
         own = self.source.scene(self.source.own)
-        self.question = Question(self.t_end, times, point or default_point(own, self.t_end), self.cap)
+        point = default_point(own, self.t_end) if point is None else as_point(f"{what}: point", point)
+        self.question = Question(self.t_end, times, point, self.cap)
         self._progress = progress
         self.runs: list[Run] = []
         self.left_out: list[LeftOut] = []
@@ -222,8 +224,7 @@ def _simulate(scene: Scene, question: Question, setting: Setting) -> Result:
 
 def _whole_numbers(what: str, values: Iterable[int]) -> list[int]:
     """Return positive whole numbers in order, each once."""
-    given = [values] if isinstance(values, (int, np.integer)) else list(values)
-    if not given:
+    if not (given := listed(values)):
         raise ArgumentError(f"{what} is empty, expected numbers of elements; leave it out for a default")
     return sorted({whole(what, n) for n in given})
 

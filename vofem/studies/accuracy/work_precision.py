@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vofem._validate import choice, number
+from vofem._validate import choice, listed, number
 from vofem.errors import ArgumentError
 from vofem.integrators.registry import method_named, method_names
 from vofem.integrators.registry import methods as all_methods
@@ -103,8 +103,8 @@ def work_precision(
     source, t_end = bench.source, bench.t_end
     meshes = bench.meshes or own_and_twice(source)
     chosen = applicable(source, methods)
-    steps = None if dt is None else [number("work_precision: dt", value, positive=True) for value in dt]
-    tolerances = [number("work_precision: tol", value, positive=True) for value in tol]
+    steps = None if dt is None else [number("work_precision: dt", value, positive=True) for value in listed(dt)]
+    tolerances = [number("work_precision: tol", value, positive=True) for value in listed(tol)]
     bench.prepare(meshes)
     # From rough to fine, so that the time of the next is known before it starts.
     series = [
@@ -169,9 +169,7 @@ def applicable(source: Source, methods: Iterable[str] | None) -> list[str]:
     system = source.scene(source.own).model.system
     if methods is None:
         return [method.name for method in all_methods() if method.refusal(system) is None]
-    if isinstance(methods, str):
-        methods = [methods]
-    chosen = [choice("methods", name, method_names()) for name in methods]
+    chosen = [choice("methods", name, method_names()) for name in listed(methods)]
     if not chosen:
         raise ArgumentError("methods is empty, expected at least one; leave it out for all that apply")
     return list(dict.fromkeys(chosen))

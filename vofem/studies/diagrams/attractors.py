@@ -10,7 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import number
+from vofem._validate import number, wrong
 from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.scene import Scene, as_scene
@@ -118,6 +118,8 @@ def basins(
     as_scene("basins", scene)
     tolerance = number("basins: tolerance", tolerance, positive=True)
     how = stroboscope("basins", points, period, periods, skip, method)
+    if not isinstance(grid, Mapping):
+        raise wrong("basins: grid", repr(grid), "a dict of names to values")
     if start is None:
         if len(scene.bodies) != 1 or set(grid) != {"displacement", "velocity"}:
             raise ArgumentError(

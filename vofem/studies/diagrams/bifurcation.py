@@ -11,7 +11,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import choice, name_of, unknown, whole
+from vofem._validate import choice, listed, name_of, series, unknown, whole
 from vofem.arrays import Array
 from vofem.errors import ArgumentError, VofemError
 from vofem.initial import StoredState
@@ -55,7 +55,7 @@ class Stroboscope:
 
 def stroboscope(what: str, points: Any, period: float | None, periods: int, skip: int, method: str) -> Stroboscope:
     """Return the stroboscope that the arguments of a diagram describe, and check them."""
-    chosen = () if points is None else tuple(points) if isinstance(points, (tuple, list)) else (points,)
+    chosen = () if points is None else tuple(listed(points))
     skipped = whole(f"{what}: skip", skip, least=0)
     return Stroboscope(chosen, period, whole(f"{what}: periods", periods), skipped, method)
 
@@ -189,11 +189,7 @@ def bifurcation_diagram(
     ArgumentError
         For arguments out of range. Loads without a common period make every run fail; `failed` says so.
     """
-    given = np.asarray(values, dtype=float)
-    if given.ndim != 1 or given.size == 0 or not np.all(np.isfinite(given)):
-        raise ArgumentError(
-            f"bifurcation_diagram: values is {values!r}, expected one or more numbers, shape (n_values,)"
-        )
+    given = series("bifurcation_diagram: values", values)
     how = stroboscope("bifurcation_diagram", points, period, periods, skip, method)
     rest = sweep(
         functools.partial(_from_rest, build=build, how=how), {"value": given.tolist()}, **_beside(options, "rest")

@@ -10,6 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem._validate import series
 from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.scene import Scene
@@ -91,10 +92,7 @@ def stability_map(
     ArgumentError
         For arguments out of range, or if no orbit is found at any point.
     """
-    values = {"x": np.asarray(x, dtype=float), "y": np.asarray(y, dtype=float)}
-    for name, given in values.items():
-        if given.ndim != 1 or given.size == 0:
-            raise ArgumentError(f"stability_map: {name} is {given!r}, expected one or more numbers, shape (n_{name},)")
+    values = {name: series(f"stability_map: {name}", given) for name, given in (("x", x), ("y", y))}
     table = sweep(
         functools.partial(_state, build=build, periods=periods, point=point, method=method),
         {name: given.tolist() for name, given in values.items()},

@@ -31,7 +31,7 @@ from vofem.studies.steady.follow import Quiet
 from vofem.studies.steady.near import signature_at
 from vofem.studies.steady.newton import raised, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.point import OriginChart, Point, point_at
+from vofem.studies.steady.point import ORIGIN, Point, point_at
 from vofem.studies.steady.problem import Work
 from vofem.studies.steady.shooting import Shooting, flow_refusal
 from vofem.system import State, System
@@ -175,7 +175,6 @@ class _Search:
         self.rotation = system.rotation if few is None else few.full.rotation
         #: Relative change of the oscillations by doubling the vectors.
         self.change: float | None = None
-        self._latest: tuple[Array, tuple[Array, Array]] | None = None
 
     def energy(self, z: Array, *, linear: bool = False) -> tuple[float, Array]:
         """Return the energy in J of a displacement at rest and its derivative, (n,); without contacts if `linear`."""
@@ -281,7 +280,9 @@ class _Search:
 
         def solve(place: float, guess: Array, before: Array) -> Array:
             found = self.solved(guess, float(np.exp(place)))
-            if abs(found[-1] / before[-1] - 1.0) > 0.1 or _far(found[:-1], before[:-1]):
+            one, other = found[:-1], before[:-1]
+            apart = one @ other < 0.9 * np.linalg.norm(one) * np.linalg.norm(other)
+            if apart or abs(found[-1] / before[-1] - 1.0) > 0.1:
                 raise ConvergenceError("the oscillation changes too much in one step")
             return found
 
@@ -294,7 +295,7 @@ class _Search:
         family: Any = _Levels(self, Interval(0.0, level))
         walker = Quiet(family, most=most, noun="backbone")
         here = self.level(now[:-1])[0]
-        first = point_at(family, _RestChart(), np.append(now, here), np.append(towards / scales, 0.0))
+        first = point_at(family, ORIGIN, np.append(now, here), np.append(towards / scales, 0.0))
         walker.follow(first, _SHORT)
         if walker.interrupted:
             raise KeyboardInterrupt
@@ -312,9 +313,6 @@ class _Search:
         `y` (shape (n + 1,)): modal displacement at rest, and half the period in s.
         Returns an array of shape (n,).
         """
-        # Levels do not change the motion, so that derivatives by the level ask for the same one again.
-        if self._latest is not None and np.array_equal(self._latest[0], y):
-            return self._latest[1]
         n = self.space.size
         if not np.all(np.isfinite(y)) or y[-1] <= 0.0:
             raise ConvergenceError("the iteration diverged: half the period is not positive")
@@ -329,8 +327,7 @@ class _Search:
         assert one.monodromy is not None
         _, speed = one.sizes
         slopes = np.concatenate([one.monodromy[n:], one.rate[n:, None]], axis=1) / speed
-        self._latest = y.copy(), (one.velocity / speed, slopes)
-        return self._latest[1]
+        return one.velocity / speed, slopes
 
     def orbit(self, scene: Scene, rest: Array) -> PeriodicOrbit:
         """Return the orbit of an oscillation, from rest at the side that is farther from the stops."""
@@ -363,7 +360,6 @@ class _Evaluation:
     residual: Array
     jacobian: Array  #: Shape (n + 1, n + 1).
     scales: Array  #: Shape (n + 1,).
-    size: float = 1.0
     multipliers: None = None
 
     @property
@@ -407,20 +403,6 @@ class _Levels:
 
     def of(self, y: Array) -> _AtLevel:
         return _AtLevel(self.search, float(y[-1]))
-
-
-class _RestChart(OriginChart):
-    """The displacement at rest and half the period as coordinates."""
-
-    def scales(self, problem: Any, evaluation: Any) -> Array:
-        """Return sizes of the coordinates."""
-        return np.asarray(evaluation.scales)
-
-
-def _far(a: Array, b: Array) -> bool:
-    """Return whether two displacements differ in direction by more than a step may."""
-    cosine = float(a @ b) / float(np.linalg.norm(a) * np.linalg.norm(b))
-    return cosine < 0.9
 
 
 def _not_reached(points: list[Point], what: str, level: float, why: str) -> ConvergenceError:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, overload
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,41 +62,6 @@ class Source(Protocol):
 
     def switch(self, special: SpecialPoint) -> Branch:
         """Return the branch that leaves at a special point."""
-
-
-class Orbits(Sequence[PeriodicOrbit]):
-    """Orbits of a branch. Each orbit is created when it is first needed.
-
-    Parameters
-    ----------
-    makers : sequence of callables
-        Return the orbits.
-    """
-
-    def __init__(self, makers: Sequence[Callable[[], PeriodicOrbit]]) -> None:
-        self._makers = list(makers)
-        self._known: dict[int, PeriodicOrbit] = {}
-
-    def __len__(self) -> int:
-        return len(self._makers)
-
-    @overload
-    def __getitem__(self, index: int) -> PeriodicOrbit: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> list[PeriodicOrbit]: ...
-
-    def __getitem__(self, index: int | slice) -> PeriodicOrbit | list[PeriodicOrbit]:
-        if isinstance(index, slice):
-            return [self[k] for k in range(*index.indices(len(self)))]
-        k = range(len(self))[index]
-        if k not in self._known:
-            with one_thread:
-                self._known[k] = self._makers[k]()
-        return self._known[k]
-
-    def __iter__(self) -> Iterator[PeriodicOrbit]:
-        return (self[k] for k in range(len(self)))
 
 
 @dataclass(eq=False, repr=False, kw_only=True)

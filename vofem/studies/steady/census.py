@@ -25,6 +25,10 @@ _ON_CIRCLE = 1e-9
 _RECIPROCAL = 1e-12
 
 
+#: Modulus of a multiplier below which it counts as far inside of the unit circle, wherever it is.
+_FADED = 0.05
+
+
 class Census(NamedTuple):
     """Numbers of multipliers outside the unit circle."""
 
@@ -53,10 +57,45 @@ def census(point: Point) -> Census | None:
     """Return the numbers of multipliers beyond the unit circle, or None where multipliers are not known."""
     if point.evaluation.multipliers is None:
         return None
-    values = multipliers(point)
+    return counts_of(multipliers(point))
+
+
+def counts_of(values: Complex) -> Census:
+    """Return the numbers of multipliers beyond the unit circle."""
     real = _real(values)
     pairs = int(np.sum(~real & _beyond(values))) // 2
     return Census(int(np.sum(real & (values.real > 1.0))), int(np.sum(real & (values.real < -1.0))), pairs)
+
+
+def logarithms(point: Point) -> Complex:
+    """Return the logarithms of the multipliers; their real parts vanish on the unit circle, and are bounded below.
+
+    Where multipliers are not known, the only entry is the rate of the parameter, which vanishes where a branch turns.
+    """
+    values = point.evaluation.multipliers
+    if values is None:
+        return np.array([turning(point)], dtype=complex)
+    sizes = np.abs(values)
+    return np.where(sizes > _FADED, np.log(np.maximum(sizes, _FADED)) + 1j * np.angle(values), np.log(_FADED))
+
+
+def matched(these: Complex, others: Complex) -> Complex:
+    """Return other logarithms in the order in which they are nearest to these, with the nearest of their angles."""
+    from scipy.optimize import linear_sum_assignment
+
+    apart = others - these[:, None]
+    apart.imag -= 2.0 * np.pi * np.round(apart.imag / (2.0 * np.pi))
+    rows, columns = linear_sum_assignment(np.abs(apart))
+    return np.asarray(these + apart[rows, columns])
+
+
+def critical(values: Complex, kind: str) -> list[int]:
+    """Return the numbers of the multipliers that are on the unit circle at a special point: one, or a pair."""
+    if kind != "neimark_sacker":
+        return [int(np.argmin(np.abs(values - (-1.0 if kind == "period_doubling" else 1.0))))]
+    away = np.where(_real(values), np.inf, np.abs(np.abs(values) - 1.0))
+    first = int(np.argmin(away))
+    return [first, int(np.argmin(np.abs(values - values[first].conj())))]
 
 
 def orientation(point: Point) -> float:

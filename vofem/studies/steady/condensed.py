@@ -22,11 +22,10 @@ from vofem.errors import MethodError
 from vofem.integrators.base import Truncation
 from vofem.integrators.event_driven.flow import modes_of
 from vofem.integrators.event_driven.run import run
+from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.truncated import lifted
 from vofem.integrators.reduction import Reduction, input_rows
-from vofem.result import Result
-from vofem.scene import Scene
-from vofem.studies.steady.orbit import TIMES, OrbitTruncation
+from vofem.studies.steady.orbit import OrbitTruncation
 from vofem.system import Counters, State, System
 
 #: Number of degrees of freedom up to which all modes are used.
@@ -110,6 +109,15 @@ class Condensed:
 
         parts = [(size(b - a), size(b)) for a, b in ((one.q, other.q), (one.v, other.v))]
         return max(away / whole if whole > 0.0 else away for away, whole in parts)
+
+    def solution(self, state: State, duration: float, times: Array, error: float | None) -> EventSolution:
+        """Return the run of `event_driven` over an orbit from a state over all degrees of freedom; see `truncation`."""
+        solution = run(self.system, self.project(state), duration, times, truncation=0.0)
+        left_out = self.truncation(duration, error)
+        kept = Truncation(self.vectors.shape[1], self.full.size, left_out.error, duration, self.rounding)
+        lifted(solution, self.vectors, kept, GOOD, bool(np.any(self.full.rotation)))
+        solution.notes[0] = f"truncation: {left_out.what}"
+        return solution
 
     def truncation(self, duration: float, error: float | None) -> OrbitTruncation:
         """Return the error of an orbit of some duration in s by the modes that are left out.
@@ -205,15 +213,3 @@ def slowest_decay(system: System, lowest: float) -> float:
     root = np.sqrt(np.maximum(rates**2 - 4.0 * squares, 0.0))
     decay = np.where(root > 0.0, 2.0 * squares / np.where(root > 0.0, rates + root, 1.0), 0.5 * rates)
     return float(decay.min())
-
-
-def condensed_result(scene: Scene, few: Condensed, state: State, duration: float, error: float | None) -> Result:
-    """Return the run of `event_driven` over one orbit at `TIMES` equal times, in the vectors of the orbit."""
-    times = np.linspace(0.0, duration, TIMES)
-    begin = few.project(state)
-    solution = run(few.system, begin, duration, times, truncation=0.0)
-    left_out = few.truncation(duration, error)
-    kept = Truncation(few.vectors.shape[1], few.full.size, left_out.error, duration, few.rounding)
-    lifted(solution, few.vectors, kept, GOOD, bool(np.any(few.full.rotation)))
-    solution.notes[0] = f"truncation: {left_out.what}"
-    return Result(scene, "event_driven", solution, start=state)

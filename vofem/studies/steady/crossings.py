@@ -1,18 +1,21 @@
 """Folds, branch points, period doublings and Neimark-Sacker points between two neighbours on a branch.
 
-If a multiplier crosses the unit circle between two neighbours, the numbers of multipliers outside the circle differ. If
-a number changes by two, two crossings are searched. Two opposite crossings leave all numbers unchanged. They are
-searched where a parabola through three orbits of the branch comes near zero, until its lowest point is known.
+If a multiplier crosses the unit circle between two neighbours, the numbers of multipliers outside the circle differ,
+and the root of a function of the multipliers is found. A multiplier that crosses the circle and returns leaves these
+numbers unchanged. The error of multipliers between two neighbours is therefore controlled as that of an integration is:
+where it is not small compared with their distance from the circle, the step is cut. It is cut at its special points
+too, and all parts are examined alike.
 """
 
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
+from vofem.arrays import Complex
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.between import Step, point_between
 from vofem.studies.steady.census import (
@@ -21,17 +24,21 @@ from vofem.studies.steady.census import (
     census,
     collision,
     counted,
+    counts_of,
+    critical,
     determinant,
+    logarithms,
+    matched,
+    multipliers,
     orientation,
     pair,
-    pairs_at_one,
     real_at,
     stays_on_circle,
     turning,
 )
 from vofem.studies.steady.extended import Extended
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.point import TOLERANCE, Point, derivative_by_value, tangent_at
+from vofem.studies.steady.point import Point, derivative_by_value, tangent_at
 from vofem.studies.steady.shorter import at_flip, repeats
 from vofem.studies.steady.special import SpecialPoint, special_at
 
@@ -47,6 +54,9 @@ _TRIES, _FINE = 60, 1e-12
 #: Distance of two places, as a share of the step, between which the values of a test may differ by rounding alone.
 _ROUGH = 1e-9
 
+#: Evaluations in which a bracket becomes half as long, and how much longer steps become where it does not.
+_SLOW, _FARTHER = 3, 10.0
+
 #: Largest portion of a bracket that is gone at once.
 _MOST = 0.999
 
@@ -56,176 +66,182 @@ _ZERO, _JUMP = 1e-14, 1e-7
 #: A sign change counts as a root where the function is smaller there than this share of its ends: no pole, no jump.
 _VANISHES = 1e-3
 
-#: A parabola that falls below this share of the lowest of three values, or of the largest, makes it necessary to search
-#: two steps.
-_NEAR, _DEEP = 0.3, 0.05
-
-#: Largest number of orbits that are computed there, and their least distance in terms of the longer step.
-_LOOKS, _CLOSE = 16, 1e-8
-
-#: Values of a test that are rounding, as those of conservative scenes, where multipliers come in reciprocal pairs.
-_ROUNDING = 1e-9
-
 #: How far a branch point may lie from where it was seen, in scaled coordinates.
 _NEARBY = 1e-3
 
-#: How near to a special point, as a share of its part of the step, its neighbours are compared, and how near to it the
-#: parts on both sides begin; the first of these is taken at which it shows.
-_BESIDE, _MARGINS = 0.02, (1e-6, 1e-4, 1e-2)
+#: How near to a turn of the branch, as a share of the step, its neighbours are compared, and the widest bracket of a
+#: root where no further orbit is found.
+_BESIDE = 0.02
 
 #: Shares at which a part is cut; the first of them at which an orbit is found. Touches of stiff contacts change most of
 #: their length close to a grazing.
 _CUTS = (0.5, 0.2, 0.8, 0.05, 0.95)
 
-#: Parts of a step that are looked at, and the share of it that is not divided any more.
-_MOST_PARTS, _NARROW = 60, 1e-6
+#: Parts of a step that are looked at, and the length of one, in scaled coordinates, at which rounding decides.
+_MOST_PARTS, _NARROW = 120, 1e-9
+
+#: Error of a prediction that is allowed, as a share of the distance from the unit circle.
+_ALLOWED = 0.3
+
+#: Rate of the parameter along the branch, in scaled coordinates, that is rounding.
+_LEVEL = 1e-12
+
+#: Weight of a single real multiplier that crosses the circle, against pairs that do so and become real outside.
+_ODD = 10
+
+#: Distance from the unit circle, in logarithms, that is rounding.
+_ON_CIRCLE = 1e-8
+
+#: Entries of `Census` that change at special points.
+_WHICH = {"fold": 0, "branch_point": 0, "period_doubling": 1, "neimark_sacker": 2}
 
 
 @dataclass(frozen=True)
-class _Part:
-    """A part of a step, from one share of it to another."""
+class _End:
+    """An orbit at an end of a part of a step, and on which side of special points it counts.
 
-    step: Step
-    low: float = 0.0
-    high: float = 1.0
+    `place`: share of the step.
+    `kind`: of a special point, or empty.
+    `heading`: sign of the parameter's rate along the branch.
+    `orientation`: of the Jacobian matrix, where numbers of multipliers are not exact.
+    """
 
-    def placed(self, found: list[SpecialPoint]) -> list[SpecialPoint]:
-        """Return special points of this part with their share of the whole step."""
-        return [replace(one, place=self.low + one.place * (self.high - self.low)) for one in found]
-
-    def cut(self, family: Family, share: float) -> tuple[_Part, _Part]:
-        """Return the parts on both sides of a share of this part."""
-        middle = point_between(family, self.step, share)
-        at = self.low + share * (self.high - self.low)
-        return _Part(Step(self.step.first, middle), self.low, at), _Part(Step(middle, self.step.last), at, self.high)
+    point: Point
+    place: float
+    counts: Census | None
+    heading: float
+    orientation: float
+    logarithms: Complex
+    kind: str = ""
 
 
-def crossings(family: Family, step: Step) -> list[SpecialPoint]:
-    """Return the special points of a step, in the order of the branch, that can be found from its two ends."""
+def crossings(family: Family, step: Step, earlier: Step | None) -> list[SpecialPoint]:
+    """Return the special points of a step, in the order of the branch; `earlier` is the step before it, if known."""
     shorter = repeats(step.first, step.last)
     if shorter is not None:
         at = root(family, step, shorter)
         if at is not None:
             return [special_at(SHORTER, at_flip(family, at[0]), at[1])]
-    return _found(family, step, None)
-
-
-def hidden(
-    family: Family, steps: tuple[Step, Step], known: tuple[set[str], set[str]]
-) -> tuple[list[SpecialPoint], list[SpecialPoint]]:
-    """Return opposite special points of two successive steps, which cannot be found from the ends of the steps.
-
-    Along the three orbits at the ends of both steps every function that vanishes at a special point is compared with a
-    parabola. Where this comes near zero without reaching it at any of the three, the lowest value is searched.
-
-    `known`: kinds of special points that have been found in each of them, which are not searched again.
-    Returns the special points of each of the two steps.
-    """
-    found: tuple[list[SpecialPoint], list[SpecialPoint]] = ([], [])
-    for kinds, test in _tests(steps[0].last):
-        place = _lowest(family, steps, test)
-        if place is None:
-            continue
-        which = int(place > 0.0)
-        if kinds & (known[which] | {one.kind for one in found[which]}):
-            continue
-        seen = _found(family, steps[which], place if which else 1.0 + place)
-        found[which].extend(one for one in seen if one.kind in kinds)
-    return found
-
-
-def _tests(middle: Point) -> list[tuple[set[str], Test]]:
-    """Return functions that change their sign at special points, and the kinds of these."""
-    tests: list[tuple[set[str], Test]] = [({"fold", "branch_point"}, turning)]
-    if middle.evaluation.multipliers is not None:
-        at_one: list[tuple[set[str], Test]] = [({"fold", "branch_point"}, real_at(1.0))]
-        tests += [
-            *(at_one if middle.chart.segmented else []),
-            ({"period_doubling"}, real_at(-1.0)),
-            ({"neimark_sacker"}, pairs_at_one(middle)),
-        ]
-    return tests
-
-
-def _found(family: Family, step: Step, cut: float | None) -> list[SpecialPoint]:
-    """Return the special points of a step; each part of it that still shows a change beside them is looked at again."""
-    parts = [_Part(step)]
-    if cut is not None:
-        with contextlib.suppress(ConvergenceError):
-            parts = list(parts[0].cut(family, cut))
+    parts = [(_end(step.first, 0.0), _end(step.last, 1.0))]
+    known = list(parts[0])
+    if earlier is not None:
+        known.append(_end(earlier.first, -earlier.length / step.length))
     found: list[SpecialPoint] = []
     for _ in range(_MOST_PARTS):
         if not parts:
             break
-        part = parts.pop()
-        if not (_turned(part.step) or _counted(part.step)):
-            continue
-        inside = sorted(_single(family, part.step), key=lambda one: one.place)
-        found += part.placed(inside)
-        if part.high - part.low > _NARROW:
-            parts += _beside(family, part, inside)
+        low, high = parts.pop()
+        inside = _single(family, low, high)
+        ends = list(_sides(low, high, inside))
+        long = (high.place - low.place) * step.length > _NARROW
+        if not inside and long and (_differs(low, high) or _doubtful(known, low, high)):
+            ends = _cut(family, low, high)
+        found += inside
+        known += ends
+        if ends:
+            ends = [low, *ends, high]
+            parts += list(zip(ends[::2], ends[1::2], strict=True))
     return sorted(found, key=lambda one: one.place)
 
 
-def _beside(family: Family, part: _Part, found: list[SpecialPoint]) -> list[_Part]:
-    """Return the parts before, between and after the special points of a part; two parts where it has none."""
-    if not found:
-        for share in _CUTS:
-            with contextlib.suppress(ConvergenceError):
-                return list(part.cut(family, share))
-        return []
-    try:
-        # Beside a branch point the equations are nearly singular, and rounding is large.
-        margins = {one.place: (_BESIDE,) if one.kind == "branch_point" else _MARGINS for one in found}
-        known = {one.place: one.point for one in found}
-        folds = [one.place for one in found if one.kind == "fold"]
-        places = sorted(known)
-        points, shares = [part.step.first], [0.0]
-        for before, place, after in zip([0.0, *places[:-1]], places, [*places[1:], 1.0], strict=True):
-            for margin in margins[place]:
-                ends = place - min(margin, 0.5 * (place - before)), place + min(margin, 0.5 * (after - place))
-                sides = [point_between(family, part.step, end, known, tolerance=TOLERANCE) for end in ends]
-                # At a fold the branch turns and a multiplier passes 1, which rounding separates.
-                shown = _turned(Step(*sides)), _counted(Step(*sides))
-                if all(shown) or (any(shown) and place not in folds):
-                    break
-            points += sides
-            shares += ends
-    except ConvergenceError:
-        return []
-    points, shares = [*points, part.step.last], [*shares, 1.0]
-    shares = [part.low + share * (part.high - part.low) for share in shares]
-    return [
-        _Part(Step(points[k], points[k + 1]), shares[k], shares[k + 1])
-        for k in range(0, len(points), 2)
-        if shares[k] < shares[k + 1]
-    ]
+def _end(point: Point, place: float) -> _End:
+    """Return an orbit as an end of two parts."""
+    exact = point.chart.segmented
+    rate = turning(point)
+    sides = float(np.sign(rate)) if abs(rate) > _LEVEL else 0.0, 0.0 if exact else orientation(point)
+    return _End(point, place, census(point), *sides, logarithms(point))
 
 
-def _turned(step: Step) -> bool:
-    """Return whether a branch has another direction at the end of a step."""
-    return turning(step.first) * turning(step.last) < 0.0
+def _differs(low: _End, high: _End) -> bool:
+    """Return whether the ends of a part tell of special points in it.
+
+    Beside a fold or a branch point rounding separates the turn of the branch from the multiplier that passes 1.
+    """
+    changes = _changes(low.counts, high.counts)
+    turned = low.heading * high.heading < 0.0
+    if changes is None or not low.point.chart.segmented:
+        turned |= low.orientation != high.orientation
+        return turned or (changes is not None and any(changes[1:]))
+    if 0 in (_WHICH.get(low.kind), _WHICH.get(high.kind)):
+        return any(changes[changes.plus % 2 :])
+    return turned or any(changes)
 
 
-def _counted(step: Step) -> bool:
-    """Return whether numbers of multipliers or, without them, the orientation tell of special points in a step."""
-    changes = _changes(step)
-    exact = changes is not None and step.first.chart.segmented
-    return (changes is not None and any(changes[not exact :])) or (
-        not exact and orientation(step.first) != orientation(step.last)
-    )
+def _sides(low: _End, high: _End, found: list[SpecialPoint]) -> Iterator[_End]:
+    """Return every special point of a part as the end of the part before it and as the begin of the one after it.
+
+    The multiplier that is on the unit circle there counts once on each side of it.
+    """
+    size = high.place - low.place
+    for one in found:
+        if not low.place + _ROUGH * size < one.place < high.place - _ROUGH * size:
+            continue
+        end, passes = _end(one.point, one.place), not (one.turns and one.kind == "branch_point")
+        heading = -low.heading if one.turns else low.heading
+        side = -low.orientation if passes and one.kind in ("fold", "branch_point") else low.orientation
+        before = replace(end, kind=one.kind, heading=low.heading, orientation=low.orientation)
+        after = replace(before, heading=heading, orientation=side)
+        if low.counts is not None and end.counts is not None:
+            values = multipliers(one.point)
+            at = critical(values, one.kind)
+            rest = counts_of(np.delete(values, at))
+            name = Census._fields[_WHICH[one.kind]]
+            ways = [rest._replace(**{name: getattr(rest, name) + more}) for more in (0, 1)]
+            nearest = int(_unlikely(low.counts, ways[1]) < _unlikely(low.counts, ways[0]))
+            on_circle = end.logarithms.copy()
+            on_circle[at] = 1j * on_circle[at].imag
+            before = replace(before, counts=ways[nearest], logarithms=on_circle)
+            after = replace(after, counts=ways[1 - nearest if passes else nearest], logarithms=on_circle)
+        yield before
+        yield after
+        low = after
 
 
-def _directed(family: Family, point: Point) -> Point:
-    """Return a point with the direction of the branch there, on the side of its tangent so far."""
-    y, evaluation = point.y, point.evaluation
-    by_value = derivative_by_value(family, point.chart, y, evaluation)
-    return replace(point, by_value=by_value, tangent=tangent_at(evaluation, by_value, point.scales, point.tangent))
+def _unlikely(a: Census, b: Census) -> int:
+    """Return the number of crossings between two ends; one of a real multiplier would have been found as a root."""
+    changes = _changes(a, b)
+    assert changes is not None
+    return sum(map(abs, changes)) + _ODD * (changes.plus % 2 + changes.minus % 2)
 
 
-def _changes(step: Step) -> Census | None:
+def _cut(family: Family, low: _End, high: _End) -> list[_End]:
+    """Return an orbit within a part, as the end of one part and the begin of the other; nothing if none is found."""
+    for share in _CUTS:
+        with contextlib.suppress(ConvergenceError):
+            middle = point_between(family, Step(low.point, high.point), share)
+            return [_end(middle, low.place + share * (high.place - low.place))] * 2
+    return []
+
+
+def _doubtful(known: list[_End], low: _End, high: _End) -> bool:
+    """Return whether multipliers may cross the unit circle and come back within a part.
+
+    How far their logarithms are from the chord in the middle of the part is estimated by second divided differences
+    with the next orbits that are known on both sides of the part.
+    """
+    known = [one for one in known if one.logarithms.size == low.logarithms.size]
+    if low.logarithms.size != high.logarithms.size:
+        return False
+    size, a, b = high.place - low.place, low.logarithms, matched(low.logarithms, high.logarithms)
+    before = max((one for one in known if one.place < low.place), key=lambda one: one.place, default=None)
+    beyond = min((one for one in known if one.place > high.place), key=lambda one: one.place, default=None)
+    slope, away = (b - a) / size, np.zeros(a.size)
+    if before is not None:
+        left = (a - matched(a, before.logarithms)) / (low.place - before.place)
+        away = np.abs((slope - left) / (high.place - before.place))
+    if beyond is not None:
+        right = (matched(b, beyond.logarithms) - b) / (beyond.place - high.place)
+        away = np.maximum(away, np.abs((right - slope) / (beyond.place - low.place)))
+    error = 0.25 * away * size**2 if before is not None or beyond is not None else 0.5 * np.abs(b - a)
+    crosses = a.real * b.real <= 0.0
+    distance = np.where(crosses, np.abs(b.real - a.real), np.minimum(np.abs(a.real), np.abs(b.real)))
+    # Without damping pairs stay on the circle, up to rounding.
+    off = (np.abs(np.sin(a.imag)) < _ON_CIRCLE) | (np.maximum(np.abs(a.real), np.abs(b.real)) > _ON_CIRCLE)
+    return bool(np.any(off & (error > _ALLOWED * distance)))
+
+
+def _changes(a: Census | None, b: Census | None) -> Census | None:
     """Return by how much the numbers of multipliers beyond the unit circle change; None where they are not known."""
-    a, b = census(step.first), census(step.last)
     if a is None or b is None:
         return None
     plus, minus, pairs = (y - x for x, y in zip(a, b, strict=True))
@@ -237,27 +253,37 @@ def _changes(step: Step) -> Census | None:
     return Census(plus, minus, pairs)
 
 
-def _single(family: Family, step: Step) -> list[SpecialPoint]:
-    """Return the special points of a step, that can be found from the numbers of multipliers at its ends."""
+def _single(family: Family, low: _End, high: _End) -> list[SpecialPoint]:
+    """Return the special points of a part that its ends tell of, in the order of the branch.
+
+    A part that begins or ends at a point of the same kind is cut before, because a function is zero there.
+    """
     found: list[SpecialPoint] = []
-    changes = _changes(step)
-    turned = _turned(step)
-    if changes is None or not step.first.chart.segmented:
-        # Multipliers by harmonic balance are not exact, so that the branch turns a little beside a multiplier 1.
-        passed = int(orientation(step.first) != orientation(step.last))
-        at_one = determinant(step.first)
-    else:
-        passed, at_one = changes.plus, real_at(1.0)
-    if turned:
-        found += _at_turn(family, step, passed % 2 == 1)
-    elif passed:
-        found += _located(family, step, "branch_point", at_one, passed, 0)
+    step, changes = Step(low.point, high.point), _changes(low.counts, high.counts)
+    known = {_WHICH[end.kind] for end in (low, high) if end.kind}
+    turned = low.heading * high.heading < 0.0
+    exact = changes is not None and step.first.chart.segmented
+    # Multipliers by harmonic balance are not exact, so that the branch turns a little beside a multiplier 1.
+    passed = changes.plus if changes is not None and exact else int(low.orientation != high.orientation)
+    at_one = real_at(1.0) if exact else determinant(step.first)
+    if 0 not in known:
+        if turned and exact and abs(passed) == 1:
+            # Where touches are short the rate of the parameter is rounding at a fold, and the multiplier is not.
+            found += _located(family, step, "fold", at_one, passed, 0)
+        elif turned:
+            found += _at_turn(family, step, passed % 2 == 1)
+        elif passed:
+            found += _located(family, step, "branch_point", at_one, passed, 0)
     if changes is not None:
-        found += _located(family, step, "period_doubling", real_at(-1.0), changes.minus, 1)
-        without_loss = stays_on_circle(step.first) and stays_on_circle(step.last)
-        at_pair = collision if without_loss else pair
-        found += _located(family, step, "neimark_sacker", at_pair, changes.pairs, 2)
-    return found
+        if 1 not in known:
+            found += _located(family, step, "period_doubling", real_at(-1.0), changes.minus, 1)
+        if 2 not in known:
+            without_loss = stays_on_circle(step.first) and stays_on_circle(step.last)
+            at_pair = collision if without_loss else pair
+            found += _located(family, step, "neimark_sacker", at_pair, changes.pairs, 2)
+    size = high.place - low.place
+    found = [replace(one, place=low.place + size * one.place) for one in found]
+    return sorted(found, key=lambda one: one.place)
 
 
 def _located(family: Family, step: Step, kind: str, test: Test, change: int, which: int) -> list[SpecialPoint]:
@@ -312,94 +338,6 @@ def _exact(family: Family, point: Point) -> Point:
     return replace(point, y=y, problem=family.of(y), evaluation=evaluation, by_value=by_value)
 
 
-# -- crossings that undo each other -------------------------------------------------------------------
-
-
-def _lowest(family: Family, steps: tuple[Step, Step], test: Test) -> float | None:
-    """Return where a test has another sign than at the ends of two steps that agree in it; None if there is none.
-
-    Returns from -1 to 0 in the first step, up to 1 in the second one, each in proportion to its length.
-    """
-    first, second = steps
-    lengths = first.length, second.length
-    try:
-        ends = [test(point) for point in (first.first, second.first, second.last)]
-    except ConvergenceError:
-        return None
-    if not np.all(np.isfinite(ends)) or min(lengths) <= 0.0 or np.max(np.abs(ends)) <= _ROUNDING:
-        return None
-    sign = np.sign(ends[1])
-    if sign == 0.0 or any(sign * end <= 0.0 for end in ends):
-        return None
-    # Places along the branch, as shares of the longer step.
-    longest = max(lengths)
-    known = dict(zip((-lengths[0] / longest, 0.0, lengths[1] / longest), (sign * end for end in ends), strict=True))
-    if not _vertex(known).depth < max(_NEAR * min(known.values()), _DEEP * max(known.values())):
-        return None
-    for _ in range(_LOOKS):
-        place = _next(known)
-        if place is None or min(abs(place - other) for other in known) < _CLOSE:
-            return None
-        which = int(place > 0.0)
-        share = place * longest / lengths[which] + (1 - which)
-        try:
-            value = sign * test(point_between(family, steps[which], share, tangent=test is turning))
-        except ConvergenceError:
-            return None
-        if not np.isfinite(value):
-            return None
-        if value < 0.0:
-            return share if which else share - 1.0
-        known[place] = value
-    return None
-
-
-def _next(known: dict[float, float]) -> float | None:
-    """Return the next place at which a negative value is searched between positive ones; None if there seems none.
-
-    `known`: values by place.
-    """
-    found = _vertex(known)
-    if not np.isfinite(found.depth):
-        return None
-    lowest = min(known, key=lambda place: known[place])
-    # Zero may lie as far from the lowest one, by the parabola's bend. Neighbours farther off say less about it.
-    width = float(np.sqrt(known[lowest] / found.bend))
-    places = sorted(known)
-    if abs(found.place - lowest) > 0.5 * width and found.depth <= _NEAR * known[lowest]:
-        return found.place
-    gaps = {
-        sign: min((sign * (x - lowest) for x in places if sign * (x - lowest) > 0.0), default=0.0) for sign in (-1, 1)
-    }
-    side = max(gaps, key=lambda sign: gaps[sign])
-    return lowest + 2.0 * side * width if gaps[side] > 4.0 * width else None
-
-
-class _Vertex(NamedTuple):
-    """The lowest point of a parabola: its place, its value, which is infinite where there is none, and its bend."""
-
-    place: float
-    depth: float
-    bend: float
-
-
-def _vertex(known: dict[float, float]) -> _Vertex:
-    """Return the lowest point of the parabola through the lowest of some values and its neighbours."""
-    places = sorted(known)
-    k = min(max(int(np.argmin([known[place] for place in places])), 1), len(places) - 2)
-    x = np.array(places[k - 1 : k + 2])
-    y = np.array([known[place] for place in places[k - 1 : k + 2]])
-    first, second = np.diff(y) / np.diff(x)
-    bend = float((second - first) / (x[2] - x[0]))
-    if bend <= 0.0:
-        return _Vertex(np.nan, np.inf, bend)
-    # Newton's form of the parabola through the middle and the first point.
-    place = float(0.5 * (x[0] + x[1]) - 0.5 * first / bend)
-    if not places[0] < place < places[-1]:
-        return _Vertex(np.nan, np.inf, bend)
-    return _Vertex(place, float(y[1] + (place - x[1]) * (first + bend * (place - x[0]))), bend)
-
-
 # -- roots --------------------------------------------------------------------------------------------
 
 
@@ -418,14 +356,18 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
     known: dict[float, Point] = {}
     # The newest place, the one on the other side of the root, and the one that was left out last, with their values.
     a, b, c = (0.0, ends[0]), (1.0, ends[1]), None
-    settled = False
+    settled, width, widths = False, 1.0, [4.0] * _SLOW
     try:
         for _ in range(_TRIES):
             width = abs(b[0] - a[0])
             jump = width <= _JUMP and min(abs(a[1]), abs(b[1])) > vanishes
             if width <= _FINE or jump or (settled and width <= _ROUGH):
                 break
-            moved = _portion(a, b, c) * width
+            # Between values of very different sizes interpolation moves one end alone.
+            slow, widths = width > 0.5 * widths[0], [*widths[1:], width]
+            moved = (0.5 if slow else _portion(a, b, c)) * width
+            if slow and c is not None:
+                moved = min(moved, _FARTHER * abs(a[0] - c[0]))
             # A test that only touches zero beside its root is found out by a value on the other side.
             beside = a[0] in known and (settled or moved <= _FINE)
             share = a[0] + (min(_ROUGH, 0.5 * width) if beside else moved) * np.sign(b[0] - a[0])
@@ -445,7 +387,7 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
         pass
     found = [(abs(value), float(share)) for share, value in (a, b) if share in known]
     value, share = min(found, default=(np.inf, 0.0))
-    if value > vanishes:
+    if value > vanishes or width > _BESIDE:
         return None
     return known[share] if test is turning else _directed(family, known[share]), share
 
@@ -462,3 +404,10 @@ def _portion(a: _Place, b: _Place, c: _Place | None) -> float:
     portion = a[1] / (b[1] - a[1]) * c[1] / (b[1] - c[1])
     portion += (c[0] - a[0]) / (b[0] - a[0]) * a[1] / (c[1] - a[1]) * b[1] / (c[1] - b[1])
     return float(min(max(portion, 0.0), _MOST))
+
+
+def _directed(family: Family, point: Point) -> Point:
+    """Return a point with the direction of the branch there, on the side of its tangent so far."""
+    y, evaluation = point.y, point.evaluation
+    by_value = derivative_by_value(family, point.chart, y, evaluation)
+    return replace(point, by_value=by_value, tangent=tangent_at(evaluation, by_value, point.scales, point.tangent))

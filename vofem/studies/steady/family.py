@@ -90,6 +90,7 @@ class Family:
     periods: int = 1
     harmonics: int | None = None
     work: Work = field(default_factory=Work)
+    period: float | None = None  #: Of the loads in s; by default their common one.
     parameters: int = 1  #: Number of parameters.
     _known: dict[tuple[float, ...], OrbitProblem] = field(default_factory=dict)
     _latest: OrbitProblem | None = None
@@ -112,8 +113,9 @@ class Family:
             scene = recompiled(scene, self._latest.scene)
         self.method = chosen(scene, self.method, self.harmonics)
         problem = problem_of(
-            self.what, scene, self.method, self.periods, harmonics=self.harmonics, earlier=self._latest, work=self.work
-        )
+            self.what, scene, self.method, self.periods, period=self.period, harmonics=self.harmonics,
+            earlier=self._latest, work=self.work,
+        )  # fmt: skip
         while len(self._known) >= _KEPT:
             del self._known[next(iter(self._known))]
         problem.parameters = values

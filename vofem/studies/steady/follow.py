@@ -16,7 +16,7 @@ from vofem.integrators.observer import deferred_interrupts
 from vofem.progress import Progress, TerminalBar
 from vofem.studies.steady.between import Step, interpolated
 from vofem.studies.steady.branch import BranchCounters
-from vofem.studies.steady.crossings import SHORTER, crossings, hidden
+from vofem.studies.steady.crossings import SHORTER, crossings
 from vofem.studies.steady.family import Family, Interval
 from vofem.studies.steady.near import signature_at
 from vofem.studies.steady.point import (
@@ -115,17 +115,8 @@ class Follower:
     # -- points ---------------------------------------------------------------------------------------
 
     def located(self, step: Step, earlier: Step | None) -> list[SpecialPoint]:
-        """Return the special points of a step except grazings, and those that are seen now in the step before it.
-
-        The places of the latter are negative.
-        """
-        found = [] if self._leaving_another else crossings(self.family, step)
-        if earlier is None or any(one.kind == SHORTER for one in found):
-            return found
-        base = len(self.points) - 1
-        known = [{one.kind for one in self.special if base - 1.0 <= one.place < base}, {one.kind for one in found}]
-        before, after = hidden(self.family, (earlier, step), (known[0], known[1]))
-        return [*found, *(replace(one, place=one.place - 1.0) for one in before), *after]
+        """Return the special points of a step except grazings; `earlier` is the step before it in the same touches."""
+        return [] if self._leaving_another else crossings(self.family, step, earlier)
 
     def begin(self, unknowns: Array, value: float) -> Point:
         """Return the first point, heading for the far end of the interval."""
@@ -356,9 +347,7 @@ class Follower:
         self._count("flows")
         base = len(self.points) - 1
         if step is not None:
-            earlier = self.steps[-1] if base > self._begun else None
-            same = earlier is not None and earlier.first.chart is step.first.chart
-            for special in self.located(step, earlier if same else None):
+            for special in self.located(step, self.steps[-1] if base > self._begun else None):
                 self._mark(special, base)
                 if self._over:
                     break

@@ -17,8 +17,8 @@ harmonics of the force beyond H, which are known.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from functools import cached_property, partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -40,7 +40,7 @@ from vofem.studies.steady.law_path import PASSES, LawPaths, nonlinear_groups
 from vofem.studies.steady.linear_rest import FULL, Attached, LinearRest, linear_laws
 from vofem.studies.steady.loads import load_series
 from vofem.studies.steady.near import orbit_near
-from vofem.studies.steady.newton import ROUNDING, TOLERANCE, raised, solved
+from vofem.studies.steady.newton import ROUNDING
 from vofem.studies.steady.orbit import DECIDED, OrbitSource, OrbitTruncation, PeriodicOrbit
 from vofem.studies.steady.problem import OrbitProblem, Work
 from vofem.studies.steady.shooting import Shooting
@@ -67,12 +67,6 @@ _NEWTON, _FAR = 3, 10.0
 #: Factor from the change of the largest multiplier, by the harmonics beyond those of the unknowns, to a bound.
 _SAFETY = 6.0
 
-#: Smallest step on the way from the linear response to the laws' full strength, and iterations of one.
-_SMALLEST, _TRIES = 1.0 / 16.0, 12
-
-#: Error of an evaluation at which equations with weaker laws count as solved.
-_WEAKER = 1e-6
-
 
 @dataclass(frozen=True)
 class HarmonicEvaluation:
@@ -82,18 +76,17 @@ class HarmonicEvaluation:
     u: Array  #: Harmonics of the laws' coordinates, m, shape (n_laws, 2H + 1).
     residual: Array  #: Shape (n,).
     settled: NDArray[np.bool_]  #: Whether internal variables repeat after a period, shape (n_laws,).
-    slope: Array | None = field(repr=False)
-
-    @property
-    def jacobian(self) -> Array:
-        """Derivative of the residual, shape (n, n)."""
-        assert self.slope is not None
-        return self.slope
+    jacobian: Array = field(repr=False)  #: Empty without derivatives, shape (n, n).
 
     @property
     def size(self) -> float:
         """Size of the motion, m."""
         return float(np.linalg.norm(self.u))
+
+    @property
+    def scales(self) -> Array:
+        """Sizes of the unknowns, shape (n,)."""
+        return np.full(self.residual.size, max(self.size, np.finfo(float).tiny))
 
     @property
     def error(self) -> float:
@@ -105,8 +98,14 @@ class HarmonicEvaluation:
 
     @cached_property
     def truncation(self) -> OrbitTruncation:
-        """The estimated error by the harmonics that are left out."""
-        return self.problem.truncation(self.u, self._forces)
+        """The displacements of the harmonics that are left out, estimated from the force in these harmonics."""
+        problem, h, reach = self.problem, self.problem.harmonics, self.problem.reach
+        beyond = problem.free - np.einsum("kij,jk->ik", problem.compliance, self._forces)
+        left = np.abs(beyond[:, h + 1 :]).sum(axis=1)
+        size = np.abs(to_complex(self.u.T)).sum(axis=0)
+        error = float(np.max(left / np.where(size > 0.0, size, 1.0), initial=0.0))
+        what = f"{h} harmonics; those up to {reach} would change displacements by up to {error:.1e} of themselves"
+        return OrbitTruncation(reach - h, error, what, error)
 
     @cached_property
     def motion(self) -> HarmonicMotion:
@@ -116,7 +115,18 @@ class HarmonicEvaluation:
     @cached_property
     def exact(self) -> SignatureEvaluation | None:
         """The exact orbit by shooting, if there is one within the error of the harmonics."""
-        return self.problem.exact_near(self.motion, self.truncation.error)
+        problem, motion = self.problem.shooting, self.motion
+        if problem is None:
+            return None
+        q, v = (motion.rest.vectors @ motion.modal(np.zeros(1), order)[:, 0] for order in range(2))
+        guess, n = problem.from_state(State(q, v)), problem.size // 2
+        try:
+            found = orbit_near(problem, guess, _NEWTON)
+        except ConvergenceError:
+            return None
+        away, known = float(np.linalg.norm(found.unknowns[:n] - guess[:n])), found.evaluation
+        assert isinstance(known, SignatureEvaluation)
+        return known if away <= (_FAR * self.truncation.error + ROUNDING) * known.size else None
 
     @cached_property
     def multipliers(self) -> Complex | None:
@@ -131,7 +141,8 @@ class HarmonicEvaluation:
         if self.exact is not None:
             return float(self.exact.uncertainty)
         assert self.multipliers is not None
-        few = self.problem.multipliers(self.motion.with_harmonics(self.problem.harmonics))
+        first = self.motion.coefficients[:, : self.problem.harmonics + 1]
+        few = self.problem.multipliers(replace(self.motion, coefficients=first))
         return max(DECIDED, _SAFETY * abs(float(np.abs(self.multipliers).max() - np.abs(few).max())))
 
     @cached_property
@@ -168,7 +179,6 @@ class HarmonicBalance(OrbitProblem):
         self.omega = self.loads.omega / periods
         self.laws = LawPaths(self.groups)
         self.size = self.laws.size * (2 * self.harmonics + 1)
-        self.scales = np.ones(self.size)
         self._series = load_series(what, system, self.omega, self.reach)
         if earlier is not None and earlier.size != self.size:
             raise MethodError(
@@ -182,7 +192,7 @@ class HarmonicBalance(OrbitProblem):
     def shooting(self) -> Shooting | None:
         """The problem of the exact orbits; None where shooting does not take the scene."""
         try:
-            return Shooting(self._what, self.scene, self.periods, period=self._period, earlier=self._before)
+            return Shooting(self.what, self.scene, self.periods, period=self.period, earlier=self._before)
         except MethodError:
             return None
 
@@ -195,7 +205,7 @@ class HarmonicBalance(OrbitProblem):
         vectors = np.array([load.vector for load in system.loads]).reshape(-1, system.size)
         inputs = np.concatenate([law_rows, vectors])
         highest: float = self.reach * self.omega
-        attached = linear_laws(self._what, system)
+        attached = linear_laws(self.what, system)
         rest = None if earlier is None else earlier.rest
         if earlier is not None and system.size <= FULL:
             share_modes(system, earlier.system)
@@ -219,7 +229,6 @@ class HarmonicBalance(OrbitProblem):
         modal = inputs @ rest.vectors
         self.law_modes, self.load_modes = modal[:count], modal[count:]
         self._hold(rest)
-        self._held = np.zeros(count) if self._stiffness is None else self._stiffness
         forces = np.empty((self.reach + 1, rest.squares.size, count + 1), dtype=complex)
         forces[:, :, :count], forces[:, :, count] = self.law_modes.T, self._series.T @ self.load_modes
         answer = self.law_modes @ self._answer(forces)
@@ -230,15 +239,12 @@ class HarmonicBalance(OrbitProblem):
 
         The equations stay the same. Without it the compliance would be infinite at zero frequency.
         """
-        self._stiffness: Array | None = None
-        self._rest_held = rest
+        self._held, self._rest_held = np.zeros(self.laws.size), rest
         if not np.any(rest.squares == 0.0) or not self.laws.size:
             return
         mobility = np.sum(self.law_modes**2, axis=1)
-        self._stiffness = self.loads.omega**2 / np.where(mobility > 0.0, mobility, 1.0)
-        self._rest_held = rest.with_attached(
-            Attached(all_rows(self.groups), lambda omega: np.asarray(self._stiffness, dtype=complex))
-        )
+        self._held = held = self.loads.omega**2 / np.where(mobility > 0.0, mobility, 1.0)
+        self._rest_held = rest.with_attached(Attached(all_rows(self.groups), lambda omega: held.astype(complex)))
 
     def _answer(self, forces: Complex) -> Complex:
         """Return modal displacements under modal forces of all harmonics from 0 on, both (reach + 1, m, n)."""
@@ -246,32 +252,23 @@ class HarmonicBalance(OrbitProblem):
         try:
             return self._rest_held.response(omegas, forces)
         except SingularSystemError as error:
-            raise SingularSystemError(f"{self._what}: harmonics of {self.omega:.9g} rad/s: {error}") from None
+            raise SingularSystemError(f"{self.what}: harmonics of {self.omega:.9g} rad/s: {error}") from None
 
     # -- guesses --------------------------------------------------------------------------------------
 
     def from_rest(self) -> Array:
-        """Return the response with laws raised stepwise to full strength, or if that fails the end of a transient."""
-        start = to_real(self.free[:, : self.harmonics + 1].T).T.ravel()
-        if not self.size:
-            return start
+        """Return the linear response."""
+        return to_real(self.free[:, : self.harmonics + 1].T).T.ravel()
 
-        def solve(strength: float, guess: Array, now: Array) -> Array:
-            weaker, small = partial(self.evaluate, strength=strength), TOLERANCE if strength >= 1.0 else _WEAKER
-            return solved(weaker, guess, _TRIES, tolerance=small).unknowns
-
-        level, x = raised(solve, [(0.0, start)], 1.0, 1.0, least=_SMALLEST, shrink=0.5)[-1]
-        return x if level >= 1.0 else self._transient()
-
-    def _transient(self) -> Array:
+    def from_transient(self) -> Array:
         """Return the harmonics of the last periods of a run from rest."""
         period = self.loads.period
         count = self.periods * max(1, _TRANSIENT // self.periods)
         try:
-            run = simulate(self.scene, count * period, method=ENERGY_CONSERVING.name, dt=period / _STEPS)
+            run = simulate(self.scene, count * period, method=ENERGY_CONSERVING.name, dt=period / _STEPS, nearby=False)
         except Exception as error:
             raise ConvergenceError(
-                f"{self._what}: harmonic balance does not converge from the linear response, and a transient from rest "
+                f"{self.what}: harmonic balance does not converge from the linear response, and a transient from rest "
                 f"fails: {error}. Give a guess="
             ) from error
         return self.from_orbit(run)
@@ -292,17 +289,17 @@ class HarmonicBalance(OrbitProblem):
             start = np.floor(end / duration * (1.0 + 1e-12)) * duration - duration - result.t_start
             if start < -1e-9 * duration:
                 raise ArgumentError(
-                    f"{self._what}: the guess is a run of {result.solution.t_end:g} s, which holds no whole "
+                    f"{self.what}: the guess is a run of {result.solution.t_end:g} s, which holds no whole "
                     f"{duration:g} s of the orbit; simulate longer"
                 )
         else:
             raise ArgumentError(
-                f"{self._what}: guess is {orbit!r}; harmonic balance takes a PeriodicOrbit, or a Result over at least "
+                f"{self.what}: guess is {orbit!r}; harmonic balance takes a PeriodicOrbit, or a Result over at least "
                 "one whole orbit"
             )
         if result.model.system.size != self.system.size:
             raise ArgumentError(
-                f"{self._what}: the guess has {result.model.system.size} degrees of freedom, the scene "
+                f"{self.what}: the guess has {result.model.system.size} degrees of freedom, the scene "
                 f"{self.system.size}; give an orbit on the same mesh"
             )
         rows = all_rows(self.groups)
@@ -320,35 +317,33 @@ class HarmonicBalance(OrbitProblem):
 
     # -- equations ------------------------------------------------------------------------------------
 
-    def evaluate(self, unknowns: Array, *, derivative: bool = True, strength: float = 1.0) -> HarmonicEvaluation:
-        """Return the balance of harmonics, laws taken at a fraction of their strength."""
+    def evaluate(self, unknowns: Array, *, derivative: bool = True) -> HarmonicEvaluation:
+        """Return the balance of harmonics."""
         self.work.flows += 1
         m, h = self.laws.size, self.harmonics
         u = unknowns.reshape(m, 2 * h + 1)
         if not np.all(np.isfinite(u)):
             raise ConvergenceError("the iteration diverged: a harmonic is not finite")
-        forces, slopes, settled = self.forces(u, h, derivative, strength)
+        forces, slopes, settled = self.forces(u, h, derivative)
         balance = self.free[:, : h + 1] - np.einsum("kij,jk->ik", self.compliance[: h + 1], forces)
         residual = u - to_real(balance.T).T
-        slope = self._slope(slopes) if derivative else None
-        return HarmonicEvaluation(self, u.copy(), residual.ravel(), settled, slope)
+        jacobian = self._jacobian(slopes) if derivative else np.empty((0, 0))
+        return HarmonicEvaluation(self, u.copy(), residual.ravel(), settled, jacobian)
 
-    def forces(
-        self, u: Array, wanted: int, derivative: bool = False, strength: float = 1.0
-    ) -> tuple[Complex, list[Array], NDArray[np.bool_]]:
+    def forces(self, u: Array, wanted: int, derivative: bool = False) -> tuple[Complex, list[Array], NDArray[np.bool_]]:
         """Return harmonics of the laws' forces (m, wanted + 1), their slopes, and which laws repeat after a period."""
         m, h = self.laws.size, self.harmonics
         forces = np.zeros((m, wanted + 1), dtype=complex)
         slopes, settled = [], np.ones(m, dtype=bool)
         for j in range(m):
             found = self.laws.along(j, u[j], self.omega, wanted, derivative=derivative)
-            forces[j], settled[j] = strength * to_complex(found.force), found.settled
+            forces[j], settled[j] = to_complex(found.force), found.settled
             forces[j, : h + 1] -= self._held[j] * to_complex(u[j])
-            if found.slope is not None:
-                slopes.append(strength * found.slope - self._held[j] * np.eye(2 * h + 1))
+            if derivative:
+                slopes.append(found.slope - self._held[j] * np.eye(2 * h + 1))
         return forces, slopes, settled
 
-    def _slope(self, slopes: list[Array]) -> Array:
+    def _jacobian(self, slopes: list[Array]) -> Array:
         """Return the Jacobian matrix: the identity and the compliance times the laws' slopes."""
         m, h = self.laws.size, self.harmonics
         n = 2 * h + 1
@@ -370,7 +365,7 @@ class HarmonicBalance(OrbitProblem):
         """Return the orbit of a solution."""
         notes = [evaluation.truncation.what]
         if not np.all(evaluation.settled):
-            label = self._labels[int(np.argmin(evaluation.settled))]
+            label = self.laws.laws.laws[int(np.argmin(evaluation.settled))].label
             notes.append(
                 f"{label} still changes after {PASSES} cycles of this motion, as laws that harden under cyclic loads "
                 "do; the orbit is that after as many cycles"
@@ -394,20 +389,6 @@ class HarmonicBalance(OrbitProblem):
             unknowns=np.array(unknowns),
         )
 
-    @property
-    def _labels(self) -> list[str]:
-        return [label for group in self.groups for label in group.labels]
-
-    def truncation(self, u: Array, forces: Complex) -> OrbitTruncation:
-        """Estimate the displacements of the harmonics that are left out, from the force in these harmonics."""
-        h = self.harmonics
-        beyond = self.free - np.einsum("kij,jk->ik", self.compliance, forces)
-        left = np.abs(beyond[:, h + 1 :]).sum(axis=1)
-        size = np.abs(to_complex(u.T)).sum(axis=0)
-        error = float(np.max(left / np.where(size > 0.0, size, 1.0), initial=0.0))
-        what = f"{h} harmonics; those up to {self.reach} would change displacements by up to {error:.1e} of themselves"
-        return OrbitTruncation(self.reach - h, error, what, error)
-
     def motion(self, forces: Complex) -> HarmonicMotion:
         """Return the motion of the whole structure under the laws' forces, with all their known harmonics."""
         right = self._series.T @ self.load_modes - forces.T @ self.law_modes
@@ -429,26 +410,11 @@ class HarmonicBalance(OrbitProblem):
             )
         return None
 
-    def exact_near(self, motion: HarmonicMotion, error: float) -> SignatureEvaluation | None:
-        """Return the exact orbit near a motion with a relative error, or None if shooting finds none so close to it."""
-        problem = self.shooting
-        if problem is None:
-            return None
-        q, v = (motion.rest.vectors @ motion.modal(np.zeros(1), order)[:, 0] for order in range(2))
-        guess, n = problem.from_state(State(q, v)), problem.size // 2
-        try:
-            found = orbit_near(problem, guess, _NEWTON)
-        except ConvergenceError:
-            return None
-        assert isinstance(found.evaluation, SignatureEvaluation)
-        away = float(np.linalg.norm(found.unknowns[:n] - guess[:n]))
-        return found.evaluation if away <= (_FAR * error + ROUNDING) * found.evaluation.size else None
-
     def multipliers(self, motion: HarmonicMotion) -> Complex:
         """Return the Floquet multipliers of a motion."""
         rows = all_rows(self.groups)
         series = np.zeros((0, 1)) if rows is None else motion.along(rows)
-        tangents = [self.laws.tangent(j, series[j], self.omega) for j in range(self.laws.size)]
+        tangents = [self.laws.motion(j, series[j], self.omega) for j in range(self.laws.size)]
         return eigenvalues(monodromy(self.rest, self.law_modes, tangents, self.omega, self.harmonics))
 
     def change_after(self, count: int, unknowns: Array, evaluation: Any) -> float:

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem.arrays import Array, Complex
 from vofem.integrators.base import ContactSamples, Energies, SpringSamples, status_at
@@ -32,20 +31,15 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 _PARTS = 2
 
 
+@dataclass(frozen=True)
 class HarmonicMotion:
-    """A periodic motion in modes, by harmonics.
+    """A periodic motion in modes, by harmonics."""
 
-    `coefficients` (shape (m, K + 1)): modal displacements ``Re sum_k c_k exp(i k omega t)``.
-    `omega`: angular frequency of the first harmonic, rad/s.
-    """
-
-    def __init__(self, system: System, rest: LinearRest, laws: LawPaths, coefficients: Complex, omega: float) -> None:
-        self.system, self.rest, self.laws = system, rest, laws
-        self.coefficients, self.omega = coefficients, omega
-
-    def with_harmonics(self, count: int) -> HarmonicMotion:
-        """Return the motion with its first harmonics alone."""
-        return HarmonicMotion(self.system, self.rest, self.laws, self.coefficients[:, : count + 1], self.omega)
+    system: System
+    rest: LinearRest
+    laws: LawPaths
+    coefficients: Complex  #: Modal displacements are ``Re sum_k c_k exp(i k omega t)``, shape (m, K + 1).
+    omega: float  #: Angular frequency of the first harmonic, rad/s.
 
     @property
     def period(self) -> float:
@@ -79,21 +73,6 @@ class HarmonicMotion:
         return ""
 
 
-class HarmonicSamples(ModalSamples):
-    """Samples whose rows are computed without the motion of the whole structure."""
-
-    def along(self, rows: Any, kind: str) -> Array:
-        """Return ``rows @ q`` (kind "q", or v, a) for rows (k, n)."""
-        return np.asarray((rows @ self._shapes) @ self._in_modes(kind))
-
-    def take(self, dofs: NDArray[np.int64]) -> HarmonicSamples:  # type: ignore[override]
-        """Return the samples of some degrees of freedom."""
-        return HarmonicSamples(self._shapes[dofs], self._z, self._v, self._acceleration)
-
-    def _in_modes(self, kind: str) -> Array:
-        return self._acceleration() if kind == "a" else {"q": self._z, "v": self._v}[kind]
-
-
 @dataclass
 class HarmonicSolution:
     """A periodic motion as the outcome of a run over one period; a `Solution`."""
@@ -112,12 +91,10 @@ class HarmonicSolution:
         self.t_end = self.motion.period
         self.counters = Counters()
 
-    def sample(self, times: Array) -> HarmonicSamples:
+    def sample(self, times: Array) -> ModalSamples:
         """Return the motion at any times."""
-        motion = self.motion
-        return HarmonicSamples(
-            motion.rest.vectors, motion.modal(times), motion.modal(times, 1), lambda: motion.modal(times, 2)
-        )
+        modal = self.motion.modal
+        return ModalSamples(self.motion.rest.vectors, modal(times), modal(times, 1), lambda: modal(times, 2))
 
     # -- contacts -------------------------------------------------------------------------------------
 
@@ -215,23 +192,19 @@ class HarmonicSolution:
         out = np.zeros((3, len(group), times.size))
         for i, series in enumerate(motion.along(group.rows)):
             j = first + i
-            turns = turning_points(series) / motion.omega
-            angles = motion.omega * np.concatenate([turns, times])
-            u = basis(angles, series.size // 2) @ series
-            at_turns, at_times = u[: turns.size].tolist(), u[turns.size :].tolist()
-            for _ in range(motion.laws.passes):
-                for value in at_turns:
-                    records.commit(j, value)
+            turns = turning_points(series)
+            at_turns, at_times = (
+                (basis(angles, series.size // 2) @ series).tolist() for angles in (turns, motion.omega * times)
+            )
+            for value in motion.laws.passes * at_turns:
+                records.commit(j, value)
             begin = records.dissipated(j, at_times[0])
-            part = np.searchsorted(turns, times, side="right")
-            done = 0
-            for k, value in enumerate(at_times):
-                while done < part[k]:
-                    records.commit(j, at_turns[done])
-                    done += 1
-                out[0, i, k] = records.force(j, np.array([value]))[0]
-                out[1, i, k] = records.stored(j, value)
-                out[2, i, k] = records.dissipated(j, value) - begin
+            ahead = list(zip((turns / motion.omega).tolist(), at_turns, strict=True))
+            for k, (time, value) in enumerate(zip(times.tolist(), at_times, strict=True)):
+                while ahead and ahead[0][0] <= time:
+                    records.commit(j, ahead.pop(0)[1])
+                force, lost = records.force(j, np.array([value]))[0], records.dissipated(j, value) - begin
+                out[:, i, k] = force, records.stored(j, value), lost
             records.commit(j, at_times[-1])
         return out
 

@@ -37,37 +37,32 @@ _TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True)
-class LawForce:
-    """The force of one law along a periodic motion."""
-
-    force: Array  #: Fourier series of the force, N, shape (2K + 1,).
-    slope: Array | None  #: Derivative of `force` with respect to the series of the coordinate, shape (2K + 1, 2H + 1).
-    settled: bool = True  #: Whether internal variables repeat after a period.
-
-
-@dataclass(frozen=True)
-class LawTangent:
-    """The tangent of one law along a periodic motion."""
+class LawMotion:
+    """One law whose force does not depend on the past, along a periodic motion."""
 
     cuts: Array  #: Angles in [0, 2 pi) at which the tangent jumps, shape (n_cuts,).
     #: Angles at which the force jumps too, the coordinate's rate there (m/s), and the jumps of the spring (N) and of
     #: the damper (N s/m) as the coordinate rises, shape (n_jumps, 4).
     jumps: Array
-    at: Callable[[Array], Array]  #: Returns stiffness in N/m and damping in N s/m at angles, shape (2, n).
+    harmonics: int  #: Number of harmonics of the coordinate.
+    #: Returns force in N, stiffness in N/m and damping in N s/m, shape (3, n), from `basis` at n angles.
+    at: Callable[[Array], Array]
 
 
-@dataclass
-class _Integral:
-    """Fourier coefficients of a force as a sum over nodes."""
+class LawForce:
+    """The force of one law along a periodic motion, a sum over nodes.
 
-    harmonics: int
-    wanted: int
-    derivative: bool
+    `harmonics`, `wanted`: numbers of harmonics of the coordinate, H, and of the force, K.
+    `force` (shape (2K + 1,)): Fourier series of the force, N.
+    `slope` (shape (2K + 1, 2H + 1)): derivative of `force` with respect to the series of the coordinate.
+    `settled`: whether internal variables repeat after a period.
+    """
 
-    def __post_init__(self) -> None:
-        self.force = np.zeros(2 * self.wanted + 1)
-        self.slope = np.zeros((2 * self.wanted + 1, 2 * self.harmonics + 1))
-        self._norm = np.full(2 * self.wanted + 1, 1.0 / np.pi)
+    def __init__(self, harmonics: int, wanted: int, derivative: bool) -> None:
+        self.harmonics, self.wanted, self.derivative = harmonics, wanted, derivative
+        self.force, self.settled = np.zeros(2 * wanted + 1), True
+        self.slope = np.zeros((2 * wanted + 1, 2 * harmonics + 1))
+        self._norm = np.full(2 * wanted + 1, 1.0 / np.pi)
         self._norm[0] = 0.5 / np.pi
 
     def add(self, angles: Array, weights: Array, force: Array, slopes: Array | None) -> None:
@@ -110,38 +105,40 @@ class LawPaths:
         `omega`: angular frequency of the first harmonic in rad/s, which dampers need.
         `wanted`: number of harmonics of the force.
         """
-        total = _Integral(series.size // 2, wanted, derivative)
-        settled = True
+        total = LawForce(series.size // 2, wanted, derivative)
         if self.laws.laws[j].remembers:
-            settled = _with_past(self.laws.fresh(), j, series, total)
+            total.settled = _with_past(self.laws.fresh(), j, series, total)
         elif self.laws.kinks(j):
-            _between_kinks(self.laws, j, omega, series, total)
+            _between_kinks(self.motion(j, series, omega), self.laws.kinks(j)[0], omega, series, total)
         else:
-            _smooth(self.laws, j, series, total)
-        return LawForce(total.force, total.slope if derivative else None, settled)
+            _smooth(self.motion(j, series, omega), self.laws.laws[j].label, series, total)
+        return total
 
     def with_past(self) -> str | None:
         """Return the label of the first law whose force depends on the past, or None."""
         return next((law.label for law in self.laws.laws if law.remembers), None)
 
-    def tangent(self, j: int, series: Array, omega: float) -> LawTangent:
-        """Return the tangent of law j, whose force does not depend on the past, along a motion."""
-        laws, levels, harmonics = self.laws, self.laws.kinks(j), series.size // 2
+    def motion(self, j: int, series: Array, omega: float) -> LawMotion:
+        """Return law j, whose force does not depend on the past, along a motion."""
+        laws, levels, slope, harmonics = self.laws, self.laws.kinks(j), omega * rate(series), series.size // 2
         edges = [np.mod(crossings(series, level), _TURN) for level in levels]
         moved = np.zeros((edges[0].size if edges and any(laws.jumps(j)) else 0, 4))
         if moved.size:
-            moved[:, 0], moved[:, 1] = edges[0], omega * (basis(edges[0], harmonics) @ rate(series))
+            moved[:, 0], moved[:, 1] = edges[0], basis(edges[0], harmonics) @ slope
             moved[:, 2:] = laws.jumps(j)
         least = np.nextafter(levels[0], np.inf) if levels else -np.inf
 
-        def at(angles: Array) -> Array:
-            functions = basis(angles, harmonics)
-            along, speed = functions @ series, omega * (functions @ rate(series))
+        def at(functions: Array) -> Array:
+            along = functions @ series
             u = np.maximum(along, least)
-            damping, change = laws.damping(j, u)
-            return np.where(along >= least, np.stack([laws.tangent(j, u) + change * speed, damping]), 0.0)
+            force, stiffness, damping = laws.force(j, u), laws.tangent(j, u), np.zeros(u.size)
+            if laws.laws[j].damped:
+                speed = functions @ slope
+                damping, change = laws.damping(j, u)
+                force, stiffness = force + damping * speed, stiffness + change * speed
+            return np.where(along >= least, np.stack([force, stiffness, damping]), 0.0)
 
-        return LawTangent(np.unique(np.concatenate([np.zeros(0), *edges])), moved, at)
+        return LawMotion(np.unique(np.concatenate([np.zeros(0), *edges])), moved, harmonics, at)
 
 
 def panels(low: float, high: float, harmonics: int) -> tuple[Array, Array]:
@@ -152,57 +149,42 @@ def panels(low: float, high: float, harmonics: int) -> tuple[Array, Array]:
     return (edges[:-1, None] + half * (1.0 + _NODES)).ravel(), (half * _WEIGHTS).ravel()
 
 
-def _smooth(laws: LawSet, j: int, series: Array, total: _Integral) -> None:
+def _smooth(law: LawMotion, label: str, series: Array, total: LawForce) -> None:
     """Sum over equal angles, which for smooth forces converges faster than any power."""
     harmonics = series.size // 2
     count = 1 << int(np.ceil(np.log2(_SAMPLES * (max(harmonics, total.wanted) + 1))))
     angles = np.asarray(np.arange(count) * (_TURN / count), dtype=float)
     functions = basis(angles, harmonics)
-    u = functions @ series
     try:
-        force = laws.force(j, u)
-        tangent = laws.tangent(j, u) if total.derivative else force
+        force, tangent, _ = law.at(functions)
     except OverflowError:
         # Newton's method has tried a point that is much too far away.
-        force = tangent = np.full(u.size, np.inf)
+        force = tangent = np.full(count, np.inf)
     usable = (np.abs(force) < _LARGEST) & (np.abs(tangent) < _LARGEST)
     if not np.all(usable):
         k = int(np.argmin(usable))
-        raise ConvergenceError(f"{laws.laws[j].label} has a force of {force[k]:.3g} N at u = {u[k]:.3g} m")
+        raise ConvergenceError(f"{label} has a force of {force[k]:.3g} N at u = {functions[k] @ series:.3g} m")
     slopes = tangent[:, None] * functions if total.derivative else None
     total.add(angles, np.full(count, _TURN / count), force, slopes)
 
 
-def _between_kinks(laws: LawSet, j: int, omega: float, series: Array, total: _Integral) -> None:
-    """Integrate over the times at which a law acts that has kinks, as a contact does while it is closed."""
+def _between_kinks(law: LawMotion, level: float, omega: float, series: Array, total: LawForce) -> None:
+    """Integrate over the times at which a law acts that has kinks, as a contact does while it is beyond its level."""
     harmonics = series.size // 2
-    damped, levels = laws.laws[j].damped, laws.kinks(j)
-    edges = [crossings(series, level) for level in levels]
-    for angle in edges[0]:
+    for angle, speed, spring, damper in law.jumps.tolist():
         # A place where the force jumps moves by -du over the rate of u, on closing as on opening.
-        speed = float(basis(np.array([angle]), harmonics)[0] @ rate(series))
         if speed != 0.0:
-            spring, damper = laws.jumps(j)
-            total.add_jump(angle, (spring + omega * damper * speed) / abs(speed))
-    cuts = np.unique(np.mod(np.concatenate(edges), _TURN))
-    if not cuts.size:
-        cuts = np.zeros(1)
-    for low, high in zip(cuts, np.append(cuts[1:], cuts[0] + _TURN), strict=True):
-        middle = float(basis(np.array([0.5 * (low + high)]), harmonics)[0] @ series)
-        if middle <= levels[0]:
+            total.add_jump(angle, omega * (spring + damper * speed) / abs(speed))
+    cuts = law.cuts if law.cuts.size else np.zeros(1)
+    for low, high in pairwise(np.append(cuts, cuts[0] + _TURN).tolist()):
+        if float(basis(np.array([0.5 * (low + high)]), harmonics)[0] @ series) <= level:
             continue
         angles, weights = panels(low, high, harmonics + total.wanted)
         functions = basis(angles, harmonics)
-        u = np.maximum(functions @ series, np.nextafter(levels[0], np.inf))
-        force = laws.force(j, u)
-        slopes = laws.tangent(j, u)[:, None] * functions if total.derivative else None
-        if damped:
-            speeds = omega * (functions @ rate(series))
-            damping, change = laws.damping(j, u)
-            force = force + damping * speeds
-            if slopes is not None:
-                moving = omega * _rates_of(functions)
-                slopes = slopes + damping[:, None] * moving + (change * speeds)[:, None] * functions
+        force, stiffness, damping = law.at(functions)
+        slopes = stiffness[:, None] * functions if total.derivative else None
+        if slopes is not None and np.any(damping):
+            slopes = slopes + omega * damping[:, None] * _rates_of(functions)
         total.add(angles, weights, force, slopes)
 
 
@@ -214,7 +196,7 @@ def _rates_of(functions: Array) -> Array:
     return np.concatenate([np.zeros((functions.shape[0], 1)), -order * sines, order * cosines], axis=1)
 
 
-def _with_past(laws: LawSet, j: int, series: Array, total: _Integral) -> bool:
+def _with_past(laws: LawSet, j: int, series: Array, total: LawForce) -> bool:
     """Follow the internal variables over the period until they repeat, then integrate; return whether they repeat."""
     harmonics = series.size // 2
     begin, end = stretches(series)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from vofem.arrays import Array, Complex
 from vofem.errors import ArgumentError, ConvergenceError, SingularSystemError
 from vofem.integrators.event_driven.flow import modes_of
-from vofem.integrators.event_driven.modal_space import modal_space
+from vofem.integrators.event_driven.modal_space import ModalSpace, modal_space
 from vofem.integrators.reduction import Reduction
 from vofem.system import Counters, State, System
 
@@ -78,27 +78,23 @@ class LinearRest:
         counters = Counters() if counters is None else counters
         if system.size <= FULL:
             space = modes_of(system, counters)
-            self._take(space.shapes, space.stiffness, space.damping)
-            self._couple(space.coupling)
+            self._take(space, space.shapes)
             return
         self._reduce(inputs, largest, counters)
 
     # -- modes and Ritz vectors -----------------------------------------------------------------------
 
-    def _take(self, vectors: Array, squares: Array, damping: Array) -> None:
-        self.vectors, self.squares, self.damping = vectors, squares, damping
-
-    def _couple(self, coupling: Array | None) -> None:
-        """Store the terms that couple modes as columns, dashpots first."""
-        columns, self._dashpots = [np.zeros((self.squares.size, 0))], 0
-        if coupling is not None:
-            values, shapes = np.linalg.eigh(0.5 * (coupling + coupling.T))
+    def _take(self, space: ModalSpace, vectors: Array) -> None:
+        """Store modes and their vectors, and the terms that couple them as columns, dashpots first."""
+        self.vectors, self.squares, self.damping = vectors, space.stiffness, space.damping
+        #: Directions in modes and rates of the dampers that couple modes, shapes (m, k) and (k,).
+        self.dashpots: tuple[Array, Array] = np.zeros((space.size, 0)), np.zeros(0)
+        if space.coupling is not None:
+            values, shapes = np.linalg.eigh(0.5 * (space.coupling + space.coupling.T))
             kept = np.abs(values) > _NO_DAMPING * np.abs(values).max(initial=0.0)
-            columns.append(shapes[:, kept])
-            self._rates = values[kept]
-            self._dashpots = int(kept.sum())
-        columns += [np.asarray(part.rows @ self.vectors).T for part in self._attached]
-        self.columns = np.concatenate(columns, axis=1)
+            self.dashpots = shapes[:, kept], values[kept]
+        attached = [np.asarray(part.rows @ vectors).T for part in self._attached]
+        self.columns = np.concatenate([self.dashpots[0], *attached], axis=1)
 
     def _reduce(self, inputs: Array, largest: Array, counters: Counters) -> None:
         """Double the number of Ritz vectors until responses at all frequencies no longer change."""
@@ -114,8 +110,7 @@ class LinearRest:
         while True:
             small, _, vectors = reduction.to(count)
             space = modal_space(small, counters)
-            self._take(vectors @ space.shapes, space.stiffness, space.damping)
-            self._couple(space.coupling)
+            self._take(space, vectors @ space.shapes)
             # Responses to all inputs in Ritz vectors, shape (n_frequencies, m, n_inputs).
             now = np.asarray(space.shapes @ self.response(sampled, (inputs @ self.vectors).T))
             if before is not None:
@@ -143,27 +138,12 @@ class LinearRest:
         other.columns = np.concatenate([self.columns, np.asarray(part.rows @ self.vectors).T], axis=1)
         return other
 
-    @property
-    def dashpots(self) -> tuple[Array, Array]:
-        """Directions in modes and rates of the dampers that couple modes, shapes (m, k) and (k,)."""
-        return self.columns[:, : self._dashpots], self._rates if self._dashpots else np.zeros(0)
-
     def dissipation(self, rates: Array) -> Array:
         """Return the power in W that dashpots and material damping dissipate at modal velocities (m, n_times)."""
-        power = self.damping @ rates**2
-        if self._dashpots:
-            power = power + self._rates @ (self.columns[:, : self._dashpots].T @ rates) ** 2
-        return np.asarray(power)
+        columns, dampers = self.dashpots
+        return np.asarray(self.damping @ rates**2 + dampers @ (columns.T @ rates) ** 2)
 
     # -- responses ------------------------------------------------------------------------------------
-
-    def factors(self, omega: float) -> Complex:
-        """Return the complex stiffnesses of the terms that couple modes, shape (k,)."""
-        parts = [np.zeros(0, dtype=complex)]
-        if self._dashpots:
-            parts.append(1j * omega * self._rates)
-        parts += [part.factor(omega) for part in self._attached]
-        return np.concatenate(parts)
 
     def response(self, omegas: Array, forces: Array | Complex) -> Complex:
         """Return modal displacements under modal forces of angular frequencies omegas.
@@ -189,7 +169,9 @@ class LinearRest:
         self, omega: float, diagonal: Complex, near: NDArray[np.bool_], forces: Complex, out: Complex
     ) -> None:
         """Complete the response `out` (m, k) at one frequency, which has far modes only and no coupling yet."""
-        far, columns, factors = ~near, self.columns, self.factors(omega)
+        far, columns = ~near, self.columns
+        # Complex stiffnesses of the terms that couple modes.
+        factors = np.concatenate([1j * omega * self.dashpots[1], *(part.factor(omega) for part in self._attached)])
         k, r = int(near.sum()), columns.shape[1]
         # Unknowns: displacements of the near modes, forces of what couples.
         spread = columns[far] / diagonal[far, None]
@@ -217,13 +199,11 @@ class LinearRest:
 
 def _solved(matrix: Complex, right: Complex) -> Complex | None:
     """Return the solution of a small system, or None where its condition, rows and columns balanced, is too large."""
-    rows = np.abs(matrix).max(axis=1, initial=0.0)
-    if np.any(rows == 0.0):
-        return None
+    rows = np.abs(matrix).max(axis=1)
+    rows[rows == 0.0] = 1.0
     scaled = matrix / rows[:, None]
-    columns = np.abs(scaled).max(axis=0, initial=0.0)
-    if np.any(columns == 0.0):
-        return None
+    columns = np.abs(scaled).max(axis=0)
+    columns[columns == 0.0] = 1.0
     scaled = scaled / columns
     if not np.linalg.cond(scaled) < _SINGULAR:
         return None

@@ -14,6 +14,7 @@ from vofem.errors import ArgumentError
 from vofem.system import Load, System, refuse_travelling
 from vofem.time_functions import Sine, TimeFunction
 from vofem.time_functions.parts import frequency_words, parts_of
+from vofem.time_functions.piece import Piece
 
 #: Largest whole number in a ratio of two frequencies of loads, and the accepted relative error of the ratio.
 _LARGEST, _EXACT = 1000, 1e-12
@@ -71,32 +72,31 @@ def load_period(what: str, system: System, period: float | None = None) -> LoadP
     found = LoadPeriod(float(omega))
     for load in system.loads:
         # Harmonics whose fundamental frequency this is repeat after its period.
-        if period is not None or not _harmonic(load, found.period):
+        if period is not None or _harmonic(load, found.period) is None:
             _check(what, load, found.period)
     return found
 
 
-def _harmonic(load: Load, period: float) -> bool:
-    """Return whether a load is a sum of harmonics and a constant."""
+def _harmonic(load: Load, period: float) -> Piece | None:
+    """Return the closed form of a load that is a sum of harmonics and a constant, or None."""
     function = load.function
     if not isinstance(function, TimeFunction) or not function.closed_form or function.breakpoints(4.0 * period).size:
-        return False
+        return None
     piece = function.piece(0.0)
-    return piece.slope == piece.curvature == piece.jerk == 0.0
+    return piece if piece.slope == piece.curvature == piece.jerk == 0.0 else None
 
 
 def _frequencies(what: str, load: Load, period: float | None) -> list[float]:
     """Return the angular frequencies of a load's harmonics; none where it has no closed form."""
     function = load.function
-    if not isinstance(function, TimeFunction) or not function.closed_form:
-        if period is None:
-            raise ArgumentError(
-                f"{what}: {load.name} is a function whose period is not known; give period= in s, or write the load "
-                "with Sine and sums of it"
-            )
-        return []
-    piece = function.piece(0.0)
-    return [w for w, amplitude in piece.harmonics if w > 0.0 and amplitude != 0.0]
+    if isinstance(function, TimeFunction) and function.closed_form:
+        return [w for w, amplitude in function.piece(0.0).harmonics if w > 0.0 and amplitude != 0.0]
+    if period is None:
+        raise ArgumentError(
+            f"{what}: {load.name} is a function whose period is not known; give period= in s, or write the load "
+            "with Sine and sums of it"
+        )
+    return []
 
 
 def _at_rest(system: System) -> str:
@@ -165,12 +165,9 @@ def load_series(what: str, system: System, omega: float, harmonics: int) -> Comp
 
 def _series(what: str, load: Load, omega: float, harmonics: int) -> Complex:
     found = np.zeros(harmonics + 1, dtype=complex)
-    function = load.function
-    period = 2.0 * np.pi / omega
-    smooth = isinstance(function, TimeFunction) and function.closed_form
-    if smooth and not function.breakpoints(period).size:
-        assert isinstance(function, TimeFunction)
-        piece = function.piece(0.0)
+    function, period = load.function, 2.0 * np.pi / omega
+    piece = _harmonic(load, period)
+    if piece is not None:
         found[0] = piece.constant
         for w, amplitude in piece.harmonics:
             k = round(w / omega)

@@ -7,13 +7,14 @@ over an orbit, and the next run decides the signature anew.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
-from vofem.integrators.event_driven.flow import Flow, Start
+from vofem.integrators.event_driven.flow import Flow
 from vofem.studies.steady.newton import Solved, direction, lowered, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.shooting import Shooting, relative
@@ -31,8 +32,7 @@ _ANCHORED = 0.15
 
 def signature_at(problem: Shooting, unknowns: Array) -> tuple[Signature, Array]:
     """Return signature and coordinates of the orbit from a state at t = 0, anchored away from all switches."""
-    z, v = problem.to_modes(unknowns)
-    whole = problem.run(Start(0.0, z, v), problem.duration)
+    whole = problem.run(unknowns)
     chart, y = signature_of(problem, whole)
     lengths = chart.lengths(y)
     longest = int(np.argmax(lengths))
@@ -40,47 +40,48 @@ def signature_at(problem: Shooting, unknowns: Array) -> tuple[Signature, Array]:
         return chart, y
     # A guess that is far from an orbit does not go on after its end as at its begin.
     segments = whole.solution.segments
-    anchor = float(segments.starts[longest] + 0.5 * lengths[longest] / problem.loads.omega)
-    z, v = (part[:, 0] for part in whole.solution.modal(np.array([anchor])))
-    return signature_of(
-        problem, problem.run(Start(anchor, z, v, segments.status[longest].copy()), anchor + problem.duration)
-    )
+    time = float(segments.starts[longest] + 0.5 * lengths[longest] / problem.loads.omega)
+    z, v = (part[:, 0] for part in whole.solution.modal(np.array([time])))
+    status = segments.status[longest].tolist()
+    return signature_of(problem, problem.run(problem.to_unknowns(z, v), time * problem.loads.omega, status))
 
 
-def orbit_near(problem: Shooting, guess: Array, steps: int = _STEPS, *, orbit: Any = None) -> Solved:
-    """Return the orbit near the unknowns of a guess.
+def orbit_near(problem: Shooting, guess: Array | None, steps: int = _STEPS, *, orbit: Any = None) -> Solved:
+    """Return the orbit near the unknowns of a guess; None for those of `orbit`.
 
     `orbit`: the guess where it is an orbit. If its segments are known, no run has to find them.
     Raises `ConvergenceError` if none is found. The message gives the least change over an orbit.
     """
+
+    def run() -> tuple[Signature, Array]:
+        return signature_at(problem, problem.from_orbit(orbit) if guess is None else guess)
+
     known = _segments(problem, orbit)
-    if known is not None:
-        now, change = _evaluated(problem, *known)
-        found = _polished(now) if change <= _TRIED else None
-        if found is not None and found.repeats(found.chart.flow(problem, found.y)):
-            return Solved(found.chart.unknowns(problem, found.y, found), found)
-    now, change = _evaluated(problem, *signature_at(problem, guess))
+    now, change = _evaluated(problem, *(known or run()))
     for _ in range(steps):
-        if not np.isfinite(change):
-            break
-        found = _polished(now) if change <= _TRIED else None
-        if found is not None:
-            ran = found.chart.flow(problem, found.y)
-            if found.repeats(ran):
-                return Solved(found.chart.unknowns(problem, found.y, found), found)
-            # Another signature is nearer to an orbit if it changes less.
-            if found.closing < 0.5 * change:
-                now, change = _evaluated(problem, *signature_of(problem, ran))
-                continue
-        moved = _moved(now, change)
+        if np.isfinite(change):
+            found = _polished(now) if change <= _TRIED else None
+            if found is not None:
+                ran = found.chart.flow(problem, found.y)
+                if found.repeats(ran):
+                    return Solved(found.chart.unknowns(problem, found.y, found), found)
+                # Another signature is nearer to an orbit if it changes less.
+                if found.closing < 0.5 * change:
+                    now, change = _evaluated(problem, *signature_of(problem, ran))
+                    continue
+        if known is not None:
+            # The segments of the guess do not lead to an orbit; a run decides them anew.
+            known, (now, change) = None, _evaluated(problem, *run())
+            continue
+        moved = _moved(now, change) if np.isfinite(change) else None
         if moved is None:
             break
         now, change = _evaluated(problem, *signature_of(problem, moved))
     raise ConvergenceError(f"Newton's method left a residual of {change:.2e} of the motion")
 
 
-def _segments(problem: Shooting, orbit: Any) -> tuple[Signature, Array] | None:
-    """Return signature and coordinates of an orbit of a scene with the same modes and contacts; None of other ones."""
+def _segments(problem: Shooting, orbit: Any) -> tuple[Signature, Array, Array] | None:
+    """Return signature, coordinates and Jacobian matrix of an orbit of a scene with the same modes and contacts."""
     known = orbit.source.motion() if isinstance(orbit, PeriodicOrbit) and orbit.method == "shooting" else None
     if not isinstance(known, SignatureEvaluation):
         return None
@@ -88,12 +89,19 @@ def _segments(problem: Shooting, orbit: Any) -> tuple[Signature, Array] | None:
     same = own.space.shapes is problem.space.shapes and own.periods == problem.periods
     if not same or len(known.chart.start) != problem.space.contacts.shape[0]:
         return None
-    return known.chart, np.concatenate([problem.unmodal(own.modal(known.y[:n])), known.y[n:]])
+    return known.chart, np.concatenate([problem.unmodal(own.modal(known.y[:n])), known.y[n:]]), known.jacobian
 
 
-def _evaluated(problem: Shooting, chart: Signature, y: Array) -> tuple[SignatureEvaluation, float]:
-    """Return the equations along the segments of a run, and its change over an orbit over the size of the motion."""
-    now = chart.evaluate(problem, y)
+def _evaluated(
+    problem: Shooting, chart: Signature, y: Array, known: Array | None = None
+) -> tuple[SignatureEvaluation, float]:
+    """Return the equations along the segments of a run, and its change over an orbit over the size of the motion.
+
+    `known`: the Jacobian matrix of a neighbour, good enough for a first step.
+    """
+    now = chart.evaluate(problem, y, derivative=known is None or not known.size)
+    if known is not None and known.size:
+        now = replace(now, jacobian=known)
     return now, relative(now.residual[: problem.size], now.sizes)
 
 
@@ -116,13 +124,12 @@ class _Ran(NamedTuple):
 
 def _moved(now: SignatureEvaluation, change: float) -> Flow | None:
     """Return a flow that changes less over an orbit, after a Newton step of the state or part of it."""
-    problem, n, time = now.problem, now.problem.size, now.chart.anchor / now.problem.loads.omega
+    problem, n = now.problem, now.problem.size
 
     def ran(state: Array) -> _Ran:
-        z, v = problem.to_modes(state)
-        flow = problem.run(Start(time, z, v), time + problem.duration)
-        after = problem.to_unknowns(flow.displacement - z, flow.velocity - v)
-        return _Ran(flow, relative(after, now.sizes))
+        flow = problem.run(state, now.chart.anchor)
+        after = problem.to_unknowns(flow.displacement, flow.velocity)
+        return _Ran(flow, relative(after - state, now.sizes))
 
     found, _ = lowered(ran, now.y[:n], direction(now.jacobian, -now.residual)[:n], change, _HALVINGS)
     return None if found is None else found[1].flow

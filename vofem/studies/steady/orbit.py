@@ -207,15 +207,13 @@ class PeriodicOrbit(Shown):
 
     def as_start(self) -> StoredState:
         """Return the state at t = 0 of the loads, with which a run can start, without the orbit."""
-        if self.start is not None:
-            own, start = self.scene.model.of_body, self.start
-            states = {body.name: (own(body, start.q), own(body, start.v)) for body in self.scene.bodies}
-            return StoredState(states, {}, source="PeriodicOrbit")
-        result = self.result
-        q, v = result.solution.sample(np.zeros(1)).last()
-        of = result.model.of_body
-        states = {body.name: (of(body, q), of(body, v)) for body in result.scene.bodies}
-        return replace(result.as_start(), states=states, source="PeriodicOrbit")
+        if self.start is None:
+            (q, v), known = self.result.solution.sample(np.zeros(1)).last(), self.result.as_start()
+        else:
+            q, v, known = self.start.q, self.start.v, StoredState({}, {})
+        of = self.scene.model.of_body
+        states = {body.name: (of(body, q), of(body, v)) for body in self.scene.bodies}
+        return replace(known, states=states, source="PeriodicOrbit")
 
     def start_of(self, point: Any) -> float:
         """Return the displacement of a point at t = 0 of the loads, m."""

@@ -48,15 +48,12 @@ class OrbitProblem(ABC):
     """
 
     size: int  #: Number n of unknowns.
-    #: Positive sizes by which unknowns are divided before they are compared with each other; they need to be right up
-    #: to a common factor. A problem without unknowns of different kinds gives ones. Shape (n,).
-    scales: Array
     parameters: tuple[float, ...] = ()  #: Values of the parameters at which the problem was built along a branch.
 
     def __init__(
         self, what: str, scene: Scene, system: System, periods: int, period: float | None, work: Work | None
     ) -> None:
-        self._what, self.scene, self.periods, self._period = what, scene, periods, period
+        self.what, self.scene, self.periods, self.period = what, scene, periods, period
         self.loads: LoadPeriod = load_period(what, system, period)
         self.work = Work() if work is None else work
 

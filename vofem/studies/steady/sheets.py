@@ -9,7 +9,7 @@ import numpy as np
 
 from vofem.arrays import Array
 from vofem.errors import ArgumentError, ConvergenceError
-from vofem.studies.steady.branch import Branch, Orbits
+from vofem.studies.steady.branch import Branch
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.follow import FIRST, Follower
 from vofem.studies.steady.orbit import PeriodicOrbit
@@ -27,7 +27,7 @@ def branch_of(walker: Follower) -> Branch:
     """Return a branch that has been followed."""
     return Branch(
         values=np.array([point.value for point in walker.points]),
-        orbits=Orbits([point.orbit for point in walker.points]),
+        orbits=[point.orbit() for point in walker.points],
         periods=walker.family.periods,
         _source=Sheets(walker),
         **walker.found(),

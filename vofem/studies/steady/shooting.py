@@ -7,7 +7,7 @@ and the multipliers are those of the orbit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -23,7 +23,7 @@ from vofem.integrators.methods import EVENT_DRIVEN
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.plan import Plan, run_plan
-from vofem.studies.steady.condensed import Condensed, condensable, condensed, condensed_result, first_count
+from vofem.studies.steady.condensed import Condensed, condensable, condensed, first_count
 from vofem.studies.steady.orbit import TIMES, OrbitSource, PeriodicOrbit
 from vofem.studies.steady.problem import OrbitProblem, Work
 from vofem.system import OPEN, State, System
@@ -97,7 +97,6 @@ class Shooting(OrbitProblem):
         elif shared and earlier is not None:
             self.frame = earlier.frame
         self.size = 2 * n
-        self.scales = np.concatenate([np.ones(n), np.full(n, self.loads.omega)])
 
     @property
     def duration(self) -> float:
@@ -119,27 +118,25 @@ class Shooting(OrbitProblem):
     # -- unknowns and modal states --------------------------------------------------------------------
 
     def to_modes(self, unknowns: Array) -> tuple[Array, Array]:
-        """Return modal displacement and velocity, each (n, ...), of unknowns (2n, ...)."""
-        n = self.size // 2
-        z, v = unknowns[:n], unknowns[n:]
-        return (z, v) if self.frame is None else (self.frame @ z, self.frame @ v)
+        """Return modal displacement and velocity, each (n,), of unknowns (2n,)."""
+        z, v = np.split(self.modal(unknowns), 2)
+        return z, v
 
     def to_unknowns(self, z: Array, v: Array) -> Array:
         """Return the unknowns, shape (2n,), of a modal state."""
-        if self.frame is not None:
-            z, v = np.linalg.solve(self.frame, np.stack([z, v], axis=1)).T
-        return np.concatenate([z, v])
+        return self.unmodal(np.concatenate([z, v]))
 
     def modal(self, states: Array) -> Array:
         """Return modal states, shape (2n,) or (2n, k), of states in unknowns."""
-        return states if self.frame is None else np.concatenate(self.to_modes(states))
+        if self.frame is None:
+            return states
+        return np.concatenate([self.frame @ part for part in np.split(states, 2)])
 
     def unmodal(self, states: Array) -> Array:
         """Return states in unknowns, shape (2n,) or (2n, k), of modal states."""
         if self.frame is None:
             return states
-        n = self.size // 2
-        return np.concatenate([np.linalg.solve(self.frame, part) for part in (states[:n], states[n:])])
+        return np.concatenate([np.linalg.solve(self.frame, part) for part in np.split(states, 2)])
 
     def from_state(self, state: State) -> Array:
         """Return the unknowns of a state over the free degrees of freedom."""
@@ -160,7 +157,7 @@ class Shooting(OrbitProblem):
 
     def in_vectors(self, count: int) -> Shooting:
         """Return the problem of a large system in another number of vectors."""
-        return Shooting(self._what, self.scene, self.periods, period=self._period, work=self.work, vectors=count)
+        return Shooting(self.what, self.scene, self.periods, period=self.period, work=self.work, vectors=count)
 
     # -- guesses --------------------------------------------------------------------------------------
 
@@ -188,22 +185,28 @@ class Shooting(OrbitProblem):
     def from_orbit(self, orbit: Any) -> Array:
         """Return the unknowns of an orbit, of the last period of a `Result`, or of anything a run can start from."""
         source = _at_phase(orbit, self.loads.period) if isinstance(orbit, Result) else orbit
-        initial = Initial(f"{self._what}: guess", self.scene.bodies, source, by_name=True)
+        initial = Initial(f"{self.what}: guess", self.scene.bodies, source, by_name=True)
         return self.from_state(self.scene.initial_state(initial))
 
     # -- equations ------------------------------------------------------------------------------------
 
-    def run(self, start: Start, stop: float, *, check: bool = False) -> Flow:
-        """Return a flow, counted; as a check of a known orbit where `check` is true.
+    def run(
+        self, unknowns: Array, phase: float = 0.0, status: Sequence[int] | None = None, *, check: bool = False
+    ) -> Flow:
+        """Return the flow over an orbit from a state at a phase of the loads in rad, counted; see `Work.checks`.
 
+        `status`: of the contacts there; by default it follows from the state.
         Raises `ConvergenceError` if contacts chatter or the motion diverges.
         """
         self.work.flows += not check
         self.work.checks += check
-        if not (np.all(np.isfinite(start.displacement)) and np.all(np.isfinite(start.velocity))):
+        z, v = self.to_modes(unknowns)
+        if not (np.all(np.isfinite(z)) and np.all(np.isfinite(v))):
             raise ConvergenceError("the iteration diverged: a state is not finite")
+        time = phase / self.loads.omega
+        start = Start(time, z, v, None if status is None else np.array(status, dtype=np.int64))
         try:
-            return flow(self.given, start, stop, counters=self.work.runs)
+            return flow(self.given, start, time + self.duration, counters=self.work.runs)
         except (EventStormError, ArgumentError) as error:
             # A state inside a rigid stop is refused as one of a scene is.
             raise ConvergenceError(str(error)) from error
@@ -281,9 +284,9 @@ def orbit_result(
     scene: Scene, state: State, duration: float, few: Condensed | None = None, error: float | None = None
 ) -> Result:
     """Return the run of `event_driven` over one orbit at `TIMES` equal times, in the vectors of a large system."""
-    if few is not None:
-        return condensed_result(scene, few, state, duration, error)
     times = np.linspace(0.0, duration, TIMES)
+    if few is not None:
+        return Result(scene, EVENT_DRIVEN.name, few.solution(state, duration, times, error), start=state)
     plan = Plan(EVENT_DRIVEN.name, duration, times, None, {"truncation": 0.0}, None, state)
     return run_plan(scene, plan, False, None, 60.0, None)
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from vofem.arrays import Array, Complex
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.along import Path
-from vofem.integrators.event_driven.flow import Flow, Start
+from vofem.integrators.event_driven.flow import Flow
 from vofem.integrators.event_driven.regime import Motion
 from vofem.laws.friction import UP
 from vofem.linalg.eigen import eigenvalues
@@ -451,7 +451,7 @@ class Signature:
         value = float(motion.reactions(np.array([duration]))[held, 0]) - (full if status == CLOSED else 0.0)
         columns = path.all_columns[index] if path.all_columns.size else np.empty((2 * n, path.shifts.shape[1]))
         rates = problem.course.loads.at(np.array([float(path.times[index]) + duration]))[0, 1]
-        pushed = force.share[held] @ base.forces[0][:, motion.regime.function + 1]
+        pushed = force.share[held] @ base.forces[0][:, motion.regime.kind.function + 1]
         real, moved, kept = motion.spectrum.real, columns[:n], problem.course.stuck(path.statuses[index])
         if kept is not None:
             value += float(kept.reaction[held] @ path.ends[index, :n])
@@ -505,10 +505,7 @@ class Signature:
 
     def flow(self, problem: Shooting, y: Array) -> Flow:
         """Return the ordinary flow over one period of the orbit, which searches its events."""
-        z, v = problem.to_modes(y[: problem.size])
-        time = self.anchor / problem.loads.omega
-        start = Start(time, z, v, np.array(self.start, dtype=np.int64))
-        return problem.run(start, time + problem.duration, check=True)
+        return problem.run(y[: problem.size], self.anchor, self.start, check=True)
 
     # -- comparison with a flow -----------------------------------------------------------------------
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from vofem._validate import choice, whole
 from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.errors import ConvergenceError
-from vofem.integrators.event_driven.flow import Start
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.condensed import GOOD
 from vofem.studies.steady.family import METHODS, Family, Interval, chosen, problem_of
@@ -20,9 +18,11 @@ from vofem.studies.steady.follow import Quiet
 from vofem.studies.steady.near import orbit_near
 from vofem.studies.steady.newton import Solved, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.problem import OrbitProblem
 from vofem.studies.steady.rebuild import like_guess
 from vofem.studies.steady.shooting import Shooting, relative
+
+if TYPE_CHECKING:
+    from vofem.studies.steady.harmonic_balance import HarmonicBalance
 
 #: Largest number of periods of the loads in a transient.
 MOST_PERIODS = 200
@@ -34,14 +34,11 @@ _TRY, _AGAIN = 1e-2, 0.1
 #: Steps of Newton's method in a trial, and the largest distance to its solution, in changes over an orbit.
 _STEPS, _FAR = 2, 200.0
 
-#: Least share of the loads from which orbits are followed, and the most orbits from there to the whole loads.
-_LEAST, _WAY = 0.01, 500
+#: Shares of the loads from which orbits are followed, and the most orbits from there to the whole loads.
+_SHARES, _WAY = tuple(0.5**k for k in range(8)), 500
 
 #: Factor by which a motion is larger than that of an orbit from rest where it has no bound.
 _UNBOUNDED = 1e10
-
-#: Closings slower than this, of the largest speed of the contact, are reported as grazings.
-_SLOW = 1e-3
 
 
 @one_thread
@@ -60,6 +57,7 @@ def periodic(
     for 200 periods of the loads. Newton's method then finds the exact orbit. The orbit is an attractor, but not
     necessarily the only one. If the motion does not settle, Newton's method starts from the response with all contacts
     open. Where that fails too, an orbit under smaller loads is followed up to the whole loads. A note says so.
+    Harmonic balance starts from the linear response, then from smaller loads, and last from a transient.
 
     Parameters
     ----------
@@ -103,34 +101,27 @@ def periodic(
     return orbit
 
 
-def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProblem, Solved, tuple[str, ...]]:
+def first_orbit(what: str, problem: Any, guess: Any) -> tuple[Any, Solved, tuple[str, ...]]:
     """Return an orbit of a problem from a guess or from rest, its minimal period checked, and notes about it.
 
     The problem is the given one. For a large system it may be one with more vectors, if the orbit needs them.
 
     Raises `ConvergenceError` if none is found, or one that repeats earlier than after the given number of periods.
     """
-    if isinstance(problem, Shooting):
-        problem = as_guess(problem, guess)
+    problem = as_guess(problem, guess)
     notes: tuple[str, ...] = ()
     if guess is None and isinstance(problem, Shooting):
         found, notes = _from_rest(what, problem)
     else:
         try:
-            start = problem.from_rest() if guess is None else problem.from_orbit(guess)
-            if isinstance(problem, Shooting):
-                found = orbit_near(problem, start, orbit=guess)
-            else:
-                equations: Any = problem
-                found = solved(equations.evaluate, start)
+            found = _from_response(problem) if guess is None else _near(problem, None, guess)
         except ConvergenceError as error:
-            seen = seen_of(problem, guess) if isinstance(problem, Shooting) else ""
+            origin = "rest" if guess is None else "the guess"
             raise ConvergenceError(
-                f"{what}: no orbit was found from the guess. {error}. {seen}Try a guess that is closer, such as the "
-                "orbit of a scene that differs less, or vofem.continuation from there"
+                f"{what}: no orbit was found from {origin}. {error}. Try a guess that is closer, such as the orbit of "
+                "a scene that differs less, or vofem.continuation from there"
             ) from error
-    evaluation: Any = found.evaluation
-    shortest = problem.shortest_period(found.unknowns, evaluation)
+    shortest = problem.shortest_period(found.unknowns, found.evaluation)
     if shortest < problem.periods:
         raise ConvergenceError(
             f"{what}: an orbit over {problem.periods} periods of the loads was asked for, and the one found repeats "
@@ -138,7 +129,7 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
             "vofem.continuation finds one by branch.switch at a period doubling"
         )
     if isinstance(problem, Shooting):
-        _refuse_unbounded(what, problem, evaluation.sizes)
+        _refuse_unbounded(what, problem, found.evaluation.sizes)
         problem, found, more = _with_enough_vectors(problem, found)
         notes += more
     return problem, found, notes
@@ -148,8 +139,7 @@ def _refuse_unbounded(what: str, problem: Shooting, sizes: tuple[float, float]) 
     """Raise where a motion without damping is so large that what the loads do in an orbit is lost in its rounding."""
     if problem.system.damped:
         return
-    z, v = problem.to_modes(problem.outside(np.zeros(problem.size)))
-    driven = problem.run(Start(0.0, z, v), problem.duration, check=True).sizes
+    driven = problem.run(problem.outside(np.zeros(problem.size)), check=True).sizes
     if any(size > _UNBOUNDED * one > 0.0 for size, one in zip(sizes, driven, strict=True)):
         raise ConvergenceError(
             f"{what}: no orbit was found. Its motion is unbounded: a load acts at a natural frequency of a structure "
@@ -159,9 +149,7 @@ def _refuse_unbounded(what: str, problem: Shooting, sizes: tuple[float, float]) 
 
 def as_guess(problem: Any, guess: Any) -> Any:
     """Return the problem of a large system with as many vectors as were needed for the orbit that is the guess."""
-    if not isinstance(problem, Shooting):
-        return problem
-    few = problem.condensed
+    few = problem.condensed if isinstance(problem, Shooting) else None
     known = guess.truncation if isinstance(guess, PeriodicOrbit) and guess.method == "shooting" else None
     if few is None or known is None or guess.unknowns is None:
         return problem
@@ -193,23 +181,6 @@ def _with_enough_vectors(problem: Shooting, found: Solved) -> tuple[Shooting, So
     return problem, found, notes
 
 
-def seen_of(problem: Shooting, guess: Any) -> str:
-    """Return a sentence about a grazing or chatter near a guess, or an empty one."""
-    try:
-        z, v = problem.to_modes(problem.from_orbit(guess))
-        events = problem.run(Start(0.0, z, v), problem.duration).events
-    except ConvergenceError as error:
-        return f"From the guess: {error}. "
-    rates = np.array([abs(event.rate) for event in events])
-    if rates.size > 1 and rates.min() < _SLOW * rates.max():
-        slow = events[int(rates.argmin())]
-        laws = problem.system.contacts
-        assert laws is not None
-        where = f"with {abs(slow.rate):.2g} m/s at {slow.time:.6g} s"
-        return f"Contact {laws.names[slow.contact]!r} is grazed nearby, {where}. "
-    return ""
-
-
 def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
     """Return the orbit that a motion from rest settles on, or one that belongs to the linear response, with a note.
 
@@ -218,8 +189,7 @@ def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
     x = problem.outside(np.zeros(problem.size))
     level, change = _TRY, np.inf
     for _ in range(max(1, MOST_PERIODS // problem.periods)):
-        z, v = problem.to_modes(x)
-        one = problem.run(Start(0.0, z, v), problem.duration)
+        one = problem.run(x)
         after = problem.to_unknowns(one.displacement, one.velocity)
         before, change = change, relative(after - x, one.sizes)
         if not np.isfinite(change):
@@ -231,33 +201,38 @@ def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
             level = _AGAIN * change
         x = after
     seen = f"after {MOST_PERIODS} periods from rest the motion still changes by {change:.2g} of itself over an orbit"
-    failed = []
-    for source, found_from in (("the linear response", _linear), ("smaller loads", _raised)):
-        try:
-            found = found_from(problem)
-        except ConvergenceError as error:
-            failed.append(f"from {source} {error}")
-            continue
+    try:
+        found, source = _raised(problem)
         return found, (f"{seen}, so this orbit was found from {source}; motions need not settle on it",)
-    regular = (
-        "another start, at which the motion is regular, such as one where no contact is touched"
-        if what == "continuation"
-        else "follow a branch from where the motion is regular with vofem.continuation"
-    )
+    except ConvergenceError as error:
+        failed = str(error)
     raise ConvergenceError(
-        f"{what}: no orbit was found. {seen}: a subharmonic or chaotic motion, or little damping; "
-        f"{', and '.join(failed)}. Try more periods (periods=2, 3, ...), a guess= such as a run with more damping, or "
-        f"{regular}"
+        f"{what}: no orbit was found. {seen}: a subharmonic or chaotic motion, or little damping; {failed}. Try more "
+        "periods (periods=2, 3, ...), a guess= such as a run with more damping, or follow a branch with "
+        "vofem.continuation from where the motion is regular, such as where no contact is touched"
     )
 
 
-def _linear(problem: Shooting) -> Solved:
-    """Return an orbit near the response with all contacts open."""
-    return orbit_near(problem, problem.from_rest())
+def _from_response(problem: HarmonicBalance) -> Solved:
+    """Return the orbit by harmonic balance from the linear response or smaller loads, or else from a transient."""
+    try:
+        return _raised(problem)[0]
+    except ConvergenceError:
+        return _near(problem, problem.from_transient())
 
 
-def _raised(problem: Shooting) -> Solved:
-    """Return the orbit in which the orbits under a share of the loads end that begin as the linear response."""
+def _near(problem: Any, start: Array | None, guess: Any = None) -> Solved:
+    """Return the orbit near some unknowns, or near a guess."""
+    if isinstance(problem, Shooting):
+        return orbit_near(problem, start, orbit=guess)
+    return solved(problem.evaluate, problem.from_orbit(guess) if start is None else start)
+
+
+def _raised(problem: Any) -> tuple[Solved, str]:
+    """Return the orbit near the linear response, or that in which the orbits under a share of the loads end; and which.
+
+    Raises `ConvergenceError` if there is none.
+    """
 
     def build(share: float) -> Scene:
         model = problem.scene.model
@@ -266,24 +241,36 @@ def _raised(problem: Shooting) -> Solved:
         system.share(model.system)
         return problem.scene.compiled_as(replace(model, system=system))
 
-    family = Family("periodic", build, Interval(0.0, 1.0), "shooting", problem.periods, work=problem.work)
-    share = 1.0
+    method, harmonics = ("shooting", None) if isinstance(problem, Shooting) else ("harmonic_balance", problem.harmonics)
+    family = Family(
+        problem.what, build, Interval(0.0, 1.0), method, problem.periods, harmonics, problem.work, problem.period
+    )
     family.begin_with(problem, 1.0)
-    first: Any = None
-    while share > _LEAST and (first is None or first.evaluation.chart.switches):
+    begun, failed = None, ""
+    for share in _SHARES:
+        try:
+            found = _near(family.at(share), family.at(share).from_rest())
+        except ConvergenceError as error:
+            failed = failed or str(error)
+            continue
+        if share == 1.0:
+            return found, "the linear response"
+        begun = found.unknowns, share
         # Where contacts switch there may be several orbits; the linear response is alone.
-        share *= 0.5
-        with contextlib.suppress(ConvergenceError):
-            first = _linear(family.at(share))
-    if first is None:
-        raise ConvergenceError(f"down to {share:.2g} of the loads no orbit is found")
+        if method != "shooting" or not found.evaluation.chart.switches:
+            break
+    if begun is None:
+        raise ConvergenceError(f"from the linear response {failed}, and down to {share:.2g} of the loads none is found")
     walk = Quiet(family, most=_WAY)
-    walk.follow(walk.begin(first.unknowns, share))
+    walk.follow(walk.begin(*begun))
     if walk.interrupted:
         raise KeyboardInterrupt
     if walk.points[-1].value != 1.0:
-        raise ConvergenceError(f"the orbits end at {walk.points[-1].value:.3g} of the loads")
-    return orbit_near(problem, walk.points[-1].unknowns())
+        end = walk.points[-1].value
+        raise ConvergenceError(
+            f"from the linear response {failed}, and from smaller loads they end at {end:.3g} of them"
+        )
+    return _near(problem, walk.points[-1].unknowns()), "smaller loads"
 
 
 def _tried(problem: Shooting, x: Array, change: float, sizes: tuple[float, float]) -> Solved | None:

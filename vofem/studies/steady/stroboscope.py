@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from vofem.result import Result
 _SLACK = 1e-9
 
 
+@dataclass(eq=False, repr=False)
 class PoincareSection:
     """Stroboscopic samples of a run: its states at one phase of every period.
 
@@ -30,8 +32,10 @@ class PoincareSection:
         Times of the samples in s, as times of the run.
     """
 
-    def __init__(self, result: Result, period: float, phase: float, times: Array) -> None:
-        self.result, self.period, self.phase, self.times = result, period, phase, times
+    result: Result
+    period: float
+    phase: float
+    times: Array
 
     def __len__(self) -> int:
         return int(self.times.size)

@@ -22,8 +22,9 @@ from itertools import pairwise
 import numpy as np
 
 from vofem.arrays import Array
-from vofem.studies.steady.law_path import LawTangent
+from vofem.studies.steady.law_path import LawMotion
 from vofem.studies.steady.linear_rest import LinearRest
+from vofem.studies.steady.trigonometric import basis
 
 #: Gauss nodes in a panel, and the phase that a panel may cover, rad.
 _NODES, _PHASE = 6, 1.5
@@ -44,7 +45,7 @@ class _Panel:
     pushed: Array  #: State at the end by forces at nodes, shape (2m, s*J).
 
 
-def monodromy(rest: LinearRest, rows: Array, tangents: Sequence[LawTangent], omega: float, harmonics: int) -> Array:
+def monodromy(rest: LinearRest, rows: Array, tangents: Sequence[LawMotion], omega: float, harmonics: int) -> Array:
     """Return the change of small perturbations over a period, in modal displacements and velocities, shape (2m, 2m).
 
     `rows` are those of the laws in modes, shape (J, m), `omega` the angular frequency of the motion in rad/s, and
@@ -82,11 +83,11 @@ def monodromy(rest: LinearRest, rows: Array, tangents: Sequence[LawTangent], ome
     return now
 
 
-def _tangents(tangents: Sequence[LawTangent], rates: Array, angles: Array) -> Array:
+def _tangents(tangents: Sequence[LawMotion], rates: Array, angles: Array) -> Array:
     """Return stiffness and damping of laws and dashpots at angles, shape (2, J, n)."""
     found = np.zeros((2, len(tangents) + rates.size, angles.size))
     for j, one in enumerate(tangents):
-        found[:, j] = one.at(angles)
+        found[:, j] = one.at(basis(angles, one.harmonics))[1:]
     found[1, len(tangents) :] = rates[:, None]
     return found
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import OutputError, StorageError
-from vofem.files.hdf5 import FILTERS, check_format, mark_format, reading, writing
+from vofem.files.hdf5 import FILTERS, SWEEP, checked_group, mark_format, reading, writing
 from vofem.files.whole import target, try_to_write
 from vofem.studies.sweep.points import node_of, points_of, value_of
 from vofem.studies.sweep.sweep import Sweep, agreeing, columns_of, sweep_of
@@ -232,7 +232,7 @@ def _locked(path: Path) -> filelock.BaseFileLock:
 
 def _write_table(file: h5py.File, identity: dict[str, str], entries: Sequence[Entry]) -> None:
     """Write rows as variables over the dimension ``sweep_row``, by the conventions of netCDF and xarray."""
-    file.attrs["kind"] = "sweep"
+    file.attrs["kind"] = SWEEP
     file.attrs["function"] = json.dumps(identity)
     mark_format(file, FORMAT)
     if not entries:
@@ -294,9 +294,7 @@ def _parameter(values: Sequence[Any]) -> NDArray | None:
 def _read(path: Path) -> tuple[dict[str, str], dict[str, Entry]]:
     """Return the identity of the function and the rows of the table of a store, without those beside it."""
     with reading(path, "the store of a sweep") as file:
-        if not holds(file):
-            raise StorageError(f"{path} is no store of a sweep; give another name, or remove the file")
-        check_format(file, FORMAT)
+        checked_group(file, (SWEEP,), FORMAT, "the store of a sweep; give another name, or remove the file")
         identity = json.loads(file.attrs["function"])
         with h5netcdf.File(file, "r", decode_vlen_strings=True, invalid_netcdf=True) as table:
             if f"{RESERVED}key" not in table.variables:
@@ -310,11 +308,6 @@ def _read(path: Path) -> tuple[dict[str, str], dict[str, Entry]]:
         row = Row(values, str(error), str(traceback), float(seconds))
         entries[str(key)] = (str(key), value_of(json.loads(point)), row)
     return identity, entries
-
-
-def holds(file: h5py.File) -> bool:
-    """Return whether a file is the store of a sweep."""
-    return bool(file.attrs.get("kind") == "sweep")
 
 
 def stored_sweep(path: Path) -> Sweep:
