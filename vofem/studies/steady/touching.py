@@ -19,6 +19,7 @@ import numpy as np
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.flow import Flow
+from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.studies.steady.between import Step, point_between
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.newton import solved
@@ -124,10 +125,21 @@ def passage(family: Family, now: Point, after: Point) -> Passage | None:
         if not changes and not repeats:
             raise ConvergenceError(
                 f"the orbit does not repeat under an ordinary run, by {after.evaluation.closing:.1e} of the motion"
+                f"{_rested(after, flow)}"
             )
     if changes:
         found = _first(family, now, after, changes)
     return _earliest(family, now, after, found)
+
+
+def _rested(point: Point, flow: Flow) -> str:
+    """Return which contacts a run lets rest at their gaps while the orbit touches them, as the end of a sentence."""
+    laws, own = point.problem.system.contacts, point.chart.switches
+    rests = {e.contact for e in flow.events if e.after == PINNED and _law(point.problem, e.contact) == "jump"}
+    names = [repr(laws.names[j]) for j in sorted(rests) if (j, PINNED) not in own]
+    if not names:
+        return ""
+    return f": the run lets {' and '.join(names)} rest at the gap where touches are lower than {PIN_FRACTION:g} of it"
 
 
 def _earliest(family: Family, now: Point, after: Point, found: Passage | None) -> Passage | None:
