@@ -1,6 +1,7 @@
 """Some scenes of the population whose branches are quick: they arrive, repeat, and list the same points both ways."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -45,6 +46,19 @@ def test_a_lost_branch_tells_what_its_contacts_do():
     assert re.search("contact 'two' touches [3-9] times an orbit", found.reason)
     assert "it may chatter: touches of 'two' may become infinitely many" in found.reason
     assert "guess=" in found.reason
+
+
+def test_rounding_of_very_unstable_orbits_does_not_end_a_branch():
+    """A beam hits a stiff stop seven times; the last digit of its state becomes a billionth of the motion."""
+    case, value = drawn(346), 209.98456209320167
+    state = (
+        [0.0, 0.0, -420.5381291636403, -3.140739825149018, -972.0498277947175, 0.0],
+        [0.0, 0.0, -27779.277987548536, -979.7928697414865, -78102.98828313485, 0.0],
+    )
+    guess = SimpleNamespace(state_of=lambda _: tuple(map(np.array, state)))
+    branch = vf.continuation(case.build, value, value + 1e-3, guess=guess)
+    assert branch.values[-1] == value + 1e-3
+    assert max(orbit.residual for orbit in branch.orbits) <= REPEATS
 
 
 def test_a_start_is_found_from_smaller_loads():
