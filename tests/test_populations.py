@@ -36,6 +36,15 @@ def test_a_turn_beside_a_grazing_is_not_stepped_over():
     assert values[0] == pytest.approx(values[1][::-1], rel=SAME)
 
 
+def test_a_pair_that_leaves_the_circle_and_returns_beside_a_grazing():
+    """It is back before the next orbit of the branch, within a millionth of a step from the grazing."""
+    case = drawn(214)
+    branch = vf.continuation(case.build, 2140.0, 2141.0)
+    assert [one.kind for one in branch.special] == ["grazing", "neimark_sacker", "neimark_sacker", "period_doubling"]
+    found = [one.value for one in branch.special[1:]]
+    assert found == pytest.approx([2140.7938393217814, 2140.7938393484997, 2140.793839351629], abs=1e-8)
+
+
 def test_a_lost_branch_tells_what_its_contacts_do():
     """A beam touches a stop whose force jumps ever more often, for ever shorter times, and a run lets it rest there."""
     case = drawn(338)

@@ -78,10 +78,13 @@ _BESIDE = 0.02
 _CUTS = (0.5, 0.2, 0.8, 0.05, 0.95)
 
 #: Parts of a step that are looked at, and the length of one, in scaled coordinates, at which rounding decides.
-_MOST_PARTS, _NARROW = 120, 1e-9
+_MOST_PARTS, _NARROW = 500, 1e-9
 
 #: Error of a prediction that is allowed, as a share of the distance from the unit circle.
 _ALLOWED = 0.3
+
+#: Least cosine of the angle between the direction of an orbit within a part and the way from end to end.
+_ALONG = 0.9
 
 #: Rate of the parameter along the branch, in scaled coordinates, that is rounding.
 _LEVEL = 1e-12
@@ -208,7 +211,10 @@ def _cut(family: Family, low: _End, high: _End) -> list[_End]:
     """Return an orbit within a part, as the end of one part and the begin of the other; nothing if none is found."""
     for share in _CUTS:
         with contextlib.suppress(ConvergenceError):
-            middle = point_between(family, Step(low.point, high.point), share)
+            step = Step(low.point, high.point)
+            middle = point_between(family, step, share)
+            if middle.tangent @ step.secant < _ALONG * step.length:
+                continue  # Along another branch that leaves between the two.
             return [_end(middle, low.place + share * (high.place - low.place))] * 2
     return []
 
@@ -233,8 +239,10 @@ def _doubtful(known: list[_End], low: _End, high: _End) -> bool:
         right = (matched(b, beyond.logarithms) - b) / (beyond.place - high.place)
         away = np.maximum(away, np.abs((right - slope) / (beyond.place - low.place)))
     error = 0.25 * away * size**2 if before is not None or beyond is not None else 0.5 * np.abs(b - a)
-    crosses = a.real * b.real <= 0.0
-    distance = np.where(crosses, np.abs(b.real - a.real), np.minimum(np.abs(a.real), np.abs(b.real)))
+    # One that crosses is found beforehand, unless another one crosses the other way.
+    nearest = np.minimum(np.abs(a.real), np.abs(b.real))
+    across = np.where(nearest > _ON_CIRCLE, 0.0, np.abs(b.real - a.real))
+    distance = np.where(a.real * b.real <= 0.0, across, nearest)
     # Without damping pairs stay on the circle, up to rounding.
     off = (np.abs(np.sin(a.imag)) < _ON_CIRCLE) | (np.maximum(np.abs(a.real), np.abs(b.real)) > _ON_CIRCLE)
     return bool(np.any(off & (error > _ALLOWED * distance)))
@@ -296,8 +304,18 @@ def _located(family: Family, step: Step, kind: str, test: Test, change: int, whi
         tests = [counted(which, begin[which] + float(one)) for one in passed]
     found = [root(family, step, one) for one in (tests if change else [])]
     if kind == "branch_point":
-        found = [None if at is None else (_exact(family, at[0]), at[1]) for at in found]
+        found = [None if at is None else (_along(step, _exact(family, at[0]), at[1]), at[1]) for at in found]
     return [special_at(kind, *at) for at in found if at is not None]
+
+
+def _along(step: Step, point: Point, share: float) -> Point:
+    """Return a branch point with the direction between its neighbours; its own equations have those of both branches.
+
+    Orbits beside it are then not sought along the other branch.
+    """
+    ends = [end.tangent * end.scales / point.scales for end in (step.first, step.last)]
+    mean = (1.0 - share) * ends[0] + share * ends[1]
+    return replace(point, tangent=mean / np.linalg.norm(mean))
 
 
 def _at_turn(family: Family, step: Step, passed: bool) -> list[SpecialPoint]:
