@@ -2,7 +2,7 @@
 
 import csv
 import dataclasses
-from itertools import pairwise
+from itertools import count, pairwise
 
 import numpy as np
 import pytest
@@ -173,6 +173,27 @@ def test_without_a_closed_form_steps_that_are_halved_make_the_reference():
     assert "checked by Richardson's rule" in study.reference.how
     assert 0.0 < study.floor < 1e-6
     assert 1.7 < study.runs[1].order < 2.3
+
+
+def test_a_reference_of_which_finer_steps_fail_is_the_finest_and_says_so():
+    """A spring that is finite for a number of calls lets two of the runs end, or the first one alone."""
+
+    def study(most):
+        calls = count()
+        mass = vf.Mass(1.0)
+        spring = vf.NonlinearSpring(
+            mass,
+            potential=lambda u: 0.5 * u**2 + 0.25 * u**4,
+            force=lambda u: u + u**3 if next(calls) < most else float("nan"),
+        )
+        scene = vf.Scene([mass], [spring], initial={mass: (0.0, 1.0)})
+        return vf.accuracy.work_precision(scene, 1.0, methods=["energy_conserving"], dt=[0.1], **QUICK | {"cap": 1e3})
+
+    how = study(150_000).reference.how
+    assert how.startswith("energy_conserving, 4000 steps, checked by the difference to half as many (8000 steps fail: ")
+    assert "returned nan" in how
+    with pytest.raises(vf.InstabilityError, match="returned nan"):
+        study(50_000)
 
 
 def test_a_function_builds_the_scenes():

@@ -1,5 +1,6 @@
 """The midpoint rule with discrete gradients: energy at any step, order, contact laws, steps by tolerance."""
 
+import math
 import random
 
 import numpy as np
@@ -107,6 +108,18 @@ def test_resolved_switch_tends_to_the_ideal_one_as_its_inverse_square():
     assert np.all((orders(gaps) / np.log2(10) > 1.8) & (orders(gaps) / np.log2(10) < 2.2))
 
 
+@pytest.mark.parametrize("miss", [1e-3, -1e-4, 1e-5, -1e-6, -1e-7, 1e-9])
+def test_a_step_that_ends_where_it_began(miss):
+    """A mass turns amid a step in a resolved contact: over its path of a few roundings, the mean force is the force."""
+    mass, u, dt = vf.Mass(1.0, stiffness=1.0, name="mass"), 0.72, 1e-3
+    stop = vf.Contact(mass, gap=0.5, stiffness=10.0, side="above", acts_on="penetration", switch=vf.Resolved(50.0))
+    pushed = u + 10.0 * (u - 0.5) / math.gamma(1.0 - math.exp(-50.0 * (u - 0.5)))
+    scene = vf.Scene([mass], [stop], {mass: (u, 0.5 * pushed * dt * (1.0 + miss))})
+    result = vf.simulate(scene, 5 * dt, dt=dt, **METHOD)
+    assert result.displacement(mass)[1] - u == pytest.approx(0.5 * pushed * dt**2 * miss, abs=1e-14)
+    assert result.energy.balance_error < 1e-14
+
+
 def test_parallel_contacts_make_one():
     """Rows that depend on each other: two stops of K1 and K2 equal one of K1 + K2."""
     results = []
@@ -211,11 +224,11 @@ def random_chain(seed):
     return vf.Scene(masses, contacts, initial), contacts, power(-4, 2)
 
 
-# Of 2 500 scenes, those that an earlier version lost or let gain energy, and those nearest to the bound.
+# Of 2 500 scenes, those that an earlier version lost, did not solve or let gain energy, and those nearest to the bound.
 @pytest.mark.parametrize(
     "seed",
-    [348, 2235, 909, 1047, 1078, 2387, 2402, 96, 205, 268, 321, 412, 547, 699, 991, 1048, 1049, 1201, 1341, 1684, 1867,
-     2121, 2157, 2188, 2261, 2328, 2391, 2396, 2487],
+    [348, 2235, 909, 950, 1047, 1078, 2387, 2402, 96, 205, 268, 321, 412, 547, 699, 991, 1048, 1049, 1201, 1341, 1684,
+     1867, 2121, 2157, 2188, 2261, 2328, 2391, 2396, 2487],
 )  # fmt: skip
 def test_energy_of_random_chains(seed):
     """Property 1: |dE| <= 1e-10 of the energies at work in 200 steps, whatever the scene."""

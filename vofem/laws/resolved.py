@@ -100,17 +100,6 @@ def _rising(a: float, b: float) -> tuple[float, float]:
 
 
 @jit
-def resolved_integrals(s_from: float, s_to: float, s0: float) -> tuple[float, float]:
-    """Return the integrals of ``k(s)`` and ``k(s) s`` of unit stiffness between two penetrations >= 0."""
-    if s_to >= s_from:
-        plain, lever = _rising(s0 * s_from, s0 * s_to)
-    else:
-        plain, lever = _rising(s0 * s_to, s0 * s_from)
-        plain, lever = -plain, -lever
-    return plain / s0, lever / (s0 * s0)
-
-
-@jit
 def resolved_contact(what: int, p: Any, z: Any, u0: float, u1: float) -> float:
     """Answer for a contact of p = (gap, offset, K0, C0, s0); see `law`."""
     gap, lever, k, resolution = p[0], p[0] - p[1], p[2], p[4]
@@ -120,19 +109,23 @@ def resolved_contact(what: int, p: Any, z: Any, u0: float, u1: float) -> float:
         return gap + _RISE[number] / resolution if number < _RISE.size else np.nan
     if what == JUMP:
         return 0.0
-    s0 = u0 - gap
-    if what in (MEAN, DAMPING) and s0 != s:
-        if s0 <= 0.0 and s <= 0.0:
+    x0, x = resolution * (u0 - gap), resolution * s
+    if what in (MEAN, DAMPING) and x0 != x:
+        if x0 <= 0.0 and x <= 0.0:
             return 0.0
-        plain, weighted = resolved_integrals(max(s0, 0.0), max(s, 0.0), resolution)
-        return p[3] * plain / (s - s0) if what == DAMPING else k * (weighted + lever * plain) / (s - s0)
+        # Divided by the length in s, a path of a few roundings would have a mean far from the force on it.
+        low, high = min(x0, x), max(x0, x)
+        plain, weighted = _rising(max(low, 0.0), high)
+        if what == DAMPING:
+            return p[3] * (plain / (high - low))
+        return k * ((weighted / resolution + lever * plain) / (high - low))
     if s <= 0.0:
         return 0.0
     if what == DAMPING:
-        return p[3] * switch(resolution * s)
+        return p[3] * switch(x)
     if what == STORED:
-        plain, weighted = resolved_integrals(0.0, s, resolution)
-        return k * (weighted + lever * plain)
+        plain, weighted = _rising(0.0, x)
+        return k * (weighted / resolution + lever * plain) / resolution
     if what in (FORCE, MEAN):
         return k * resolved_force(s, resolution, lever)[0]
     if what == TANGENT:

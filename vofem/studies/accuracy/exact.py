@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from vofem.arrays import Array
+from vofem.errors import VofemError
 from vofem.integrators.methods import ENERGY_CONSERVING, EVENT_DRIVEN
 from vofem.kernels.mode import compiled
 from vofem.result import Result
@@ -97,15 +98,21 @@ def rounding(scene: Scene, question: Question, observed: Observed, horizon: floa
 
 
 def _by_steps(scene: Scene, question: Question) -> Exact:
-    """Halve the steps of energy_conserving until the time is over; the last two runs tell the error."""
+    """Halve the steps of energy_conserving until the time is over or they fail; the last two runs tell the error."""
     steps = _FIRST_STEPS
     last, differences = _stepped(scene, question, steps), [np.inf]
     # The first run may have compiled kernels. This time does not count as time of the study.
-    begin = time.perf_counter()
+    begin, failed = time.perf_counter(), ""
     while True:
         start = time.perf_counter()
+        try:
+            finer = _stepped(scene, question, 2 * steps)
+        except VofemError as why:
+            if len(differences) == 1:
+                raise
+            failed = f" ({2 * steps} steps fail: {why})"
+            break
         steps *= 2
-        finer = _stepped(scene, question, steps)
         differences.append(float(np.max(np.abs(finer.history - last.history))))
         last = finer
         took = time.perf_counter() - start
@@ -118,7 +125,7 @@ def _by_steps(scene: Scene, question: Question) -> Exact:
     order_two = _SECOND_ORDER[0] <= ratio <= _SECOND_ORDER[1]
     error = differences[-1] / 3.0 if order_two else differences[-1]
     checked = "by Richardson's rule at order 2" if order_two else "by the difference to half as many"
-    return Exact(last, f"{ENERGY_CONSERVING.name}, {steps} steps, checked {checked}", error, question.t_end)
+    return Exact(last, f"{ENERGY_CONSERVING.name}, {steps} steps, checked {checked}{failed}", error, question.t_end)
 
 
 def _stepped(scene: Scene, question: Question, steps: int) -> Observed:

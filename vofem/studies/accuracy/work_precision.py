@@ -42,9 +42,9 @@ def work_precision(
     The reference is an event-driven run, which is exact in time, on four times
     the elements of the finest mesh. If event_driven does not apply, it is a run
     of energy_conserving on twice the elements, whose steps are halved until the
-    time is over, and which is checked by Richardson's rule. The error of the
-    reference is estimated from a mesh of half its elements. It is the floor
-    below which errors mean nothing.
+    time is over or a run fails, and which is checked by Richardson's rule. The
+    error of the reference is estimated from a mesh of half its elements. It is
+    the floor below which errors mean nothing.
 
     The errors of each run are separated. The error of the steps is the difference
     to a run on the same mesh that is exact in time. The error of the mesh is the
