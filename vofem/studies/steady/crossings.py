@@ -78,7 +78,7 @@ _BESIDE = 0.02
 _CUTS = (0.5, 0.2, 0.8, 0.05, 0.95)
 
 #: Parts of a step that are looked at, and the length of one, in scaled coordinates, at which rounding decides.
-_MOST_PARTS, _NARROW = 500, 1e-9
+_MOST_PARTS, _NARROW = 200, 1e-9
 
 #: Error of a prediction that is allowed, as a share of the distance from the unit circle.
 _ALLOWED = 0.3
@@ -133,7 +133,7 @@ def crossings(family: Family, step: Step, earlier: Step | None) -> list[SpecialP
     for _ in range(_MOST_PARTS):
         if not parts:
             break
-        low, high = parts.pop()
+        low, high = parts.pop(0)
         inside = _single(family, low, high)
         ends = list(_sides(low, high, inside))
         long = (high.place - low.place) * step.length > _NARROW
