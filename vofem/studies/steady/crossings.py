@@ -78,7 +78,7 @@ _BESIDE = 0.02
 _CUTS = (0.5, 0.2, 0.8, 0.05, 0.95)
 
 #: Parts of a step that are looked at, and the length of one, in scaled coordinates, at which rounding decides.
-_MOST_PARTS, _NARROW = 200, 1e-9
+_MOST_PARTS, _NARROW = 500, 1e-9
 
 #: Error of a prediction that is allowed, as a share of the distance from the unit circle.
 _ALLOWED = 0.3
@@ -118,8 +118,11 @@ class _End:
     kind: str = ""
 
 
-def crossings(family: Family, step: Step, earlier: Step | None) -> list[SpecialPoint]:
-    """Return the special points of a step, in the order of the branch; `earlier` is the step before it, if known."""
+def crossings(family: Family, step: Step, earlier: Step | None, notes: list[str]) -> list[SpecialPoint]:
+    """Return the special points of a step, in the order of the branch; `earlier` is the step before it, if known.
+
+    A step that is not examined to its end is told in `notes`.
+    """
     shorter = repeats(step.first, step.last)
     if shorter is not None:
         at = root(family, step, shorter)
@@ -144,6 +147,12 @@ def crossings(family: Family, step: Step, earlier: Step | None) -> list[SpecialP
         if ends:
             ends = [low, *ends, high]
             parts += list(zip(ends[::2], ends[1::2], strict=True))
+    if parts:
+        begin, end = sorted((step.first.value, step.last.value))
+        notes.append(
+            f"special points between {begin:.12g} and {end:.12g} may be missing: multipliers change too quickly "
+            "there; follow this interval alone with a smaller max_step= to find them"
+        )
     return sorted(found, key=lambda one: one.place)
 
 
