@@ -62,7 +62,7 @@ AT_ONCE = 1e-9
 _SAME = 1e-5
 
 #: Largest difference of both ends of an orbit under an ordinary run, over the size of the motion; where rounding of
-#: unknowns by a share of them leaves more, that, and the most that it may be.
+#: unknowns by a share of them grows to more, that, and the most that it may be.
 CLOSES, _DIGITS, _TOLD = 1e-8, 1e-15, 1e-6
 
 #: Length in rad of a touch that may be lost in rounding.
@@ -211,11 +211,14 @@ class SignatureEvaluation:
         return np.concatenate(problem.to_modes(later - self.y[: problem.size]))
 
     def repeats(self, flow: Flow) -> bool:
-        """Return whether a flow from the orbit's state takes the same switches and comes back; it gives `closing`."""
+        """Return whether a flow from the orbit's state takes the same switches and comes back; it gives `closing`.
+
+        Rounding grows along an orbit as other changes of its state do, so runs of very unstable ones come back worse.
+        """
         self.__dict__["closing"] = away = self._compared(flow)
         if not self.chart.follows(self.problem, self.y, flow):
             return False
-        return away <= CLOSES or away <= self.rounding
+        return away <= CLOSES or away <= max(self.rounding, min(_DIGITS * self.growth, _TOLD))
 
     def _compared(self, flow: Flow) -> float:
         after = self.problem.to_unknowns(flow.displacement, flow.velocity)
@@ -237,6 +240,17 @@ class SignatureEvaluation:
         if np.linalg.cond(scaled) >= _SINGULAR:
             return None
         return np.asarray(matrix - closes[:, n:] @ np.linalg.solve(switches[:, n:], switches[:, :n]))
+
+    @cached_property
+    def growth(self) -> float:
+        """Largest factor by which a change of the state, over the size of the motion, grows over the orbit."""
+        n = self.problem.size
+        closes, switches = self.jacobian[:n], self.jacobian[n:]
+        matrix = closes[:, :n] + np.eye(n)
+        if switches.size and not self.chart.smooth(self.problem):
+            matrix -= closes[:, n:] @ np.linalg.lstsq(switches[:, n:], switches[:, :n], rcond=None)[0]
+        scales = self.chart.scales(self.problem, self)[:n]
+        return float(np.linalg.norm(matrix * scales / scales[:, None], 2))
 
     @property
     def rounding(self) -> float:
