@@ -80,18 +80,19 @@ def should_pin(
     row = space.contacts[contact]
     others = np.arange(len(laws)) != contact
     held = space.contacts[(status == PINNED) & others]
-    direction = row
-    if held.shape[0]:
-        direction = row - held.T @ np.linalg.solve(held @ held.T, held @ row)
+    gram = held @ held.T
+
+    def beside(change: Array) -> Array:
+        """Return the part of a change of the velocity that moves no contact at rest, shape (n,)."""
+        return change - held.T @ np.linalg.solve(gram, held @ change) if held.shape[0] else change
+
+    direction = beside(row)
     # The motion at rest decides: damping of the speed that is lost does not hold the contact.
     speed = row @ velocity
     velocity = velocity - direction * (speed / (row @ direction))
     closed = (status == CLOSED) & others
     rows = space.contacts[closed]
     force = laws.elastic(space.contacts @ displacement)[closed] + laws.damping[closed] * (rows @ velocity)
-    push = load - space.stiffness * displacement - space.damping_force(velocity) - force @ rows
-    if held.shape[0]:
-        push = push - held.T @ np.linalg.solve(held @ held.T, held @ push)
-    opened = row @ push
+    opened = row @ beside(load - space.stiffness * displacement - space.damping_force(velocity) - force @ rows)
     weaker = min(opened, (row @ direction) * jump - opened)
     return bool(weaker > 0.0 and speed**2 < 2.0 * weaker * fraction * laws.gap[contact])

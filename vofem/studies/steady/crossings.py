@@ -218,9 +218,9 @@ def _unlikely(a: Census, b: Census) -> int:
 
 def _cut(family: Family, low: _End, high: _End) -> list[_End]:
     """Return an orbit within a part, as the end of one part and the begin of the other; nothing if none is found."""
+    step = Step(low.point, high.point)
     for share in _CUTS:
         with contextlib.suppress(ConvergenceError):
-            step = Step(low.point, high.point)
             middle = point_between(family, step, share)
             if middle.tangent @ step.secant < _ALONG * step.length:
                 continue  # Along another branch that leaves between the two.
