@@ -294,12 +294,11 @@ class Forward:
             displacement, velocity = self._split(meeting.state)
             load = self.solution.load(float(self.events.time[first]))
             push = acceleration(self.solution.space, self.modal.laws, meeting.before, displacement, velocity, load)
-            there = v + np.outer(push, self.event_times[first])
             own = {int(self.events.contact[number]): number for number in reversed(meeting.numbers)}
-            impulses = meeting.impact.impulses(there) + explicit.impulse
-            self.impulses |= {
-                (own.get(j, first), j): one for j, one in zip(meeting.impact.contacts, impulses, strict=True)
-            }
+            for k, j in enumerate(meeting.impact.contacts):
+                number = own.get(j, first)
+                there = v + np.outer(push, self.event_times[number])
+                self.impulses[number, j] = meeting.impact.impulses(there)[k] + explicit.impulse[k]
         z, v = passage.passed(z, v, off=explicit.off, slow=explicit.slow, meets=explicit.meets)
         return z, v + explicit.velocity
 
