@@ -16,11 +16,13 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "default"))
 #: Modules that come first, because they take longest. The first two compile different kernels: those of event_driven,
 #: and those of methods that step in time. Two workers that begin with them compile few kernels twice.
 FIRST = (
-    "random_scenes", "energy_conserving", "continuation", "verification", "locus", "harmonic_balance", "docs",
-    "populations", "storage", "examples", "springpot", "compiled_cache", "friction", "sweep", "tolerance_and_stops",
-    "fitting", "hysteresis_in_time", "checkpoints", "travelling", "kernel_modes", "own_law", "pinned", "statuses",
-    "large_systems", "generalized_alpha", "many_contacts", "condensed_orbits", "springpot_runs", "event_loop",
-    "damping_and_energy", "probes", "cli", "crash_safety", "pictures", "backbone", "notes_and_times",
+    "random_scenes", "energy_conserving", "continuation", "verification", "harmonic_balance", "docs", "populations",
+    "storage", "examples", "compiled_cache", "friction", "locus", "crash_safety", "sweep", "checkpoints", "pictures",
+    "tolerance_and_stops", "hysteresis", "kernel_modes", "backbone", "many_impacts", "cards", "fitting",
+    "sensitivities", "impact_orbits", "springpot", "statuses", "travelling", "hunt_friction", "interrupts",
+    "accuracy", "large_systems", "study_files", "hysteresis_in_time", "generalized_alpha", "symmetric_branches",
+    "choice_by_cost", "start_up", "impact_sensitivities", "initial", "movies", "condensed_orbits", "near_grazing",
+    "figures", "absent_effects", "cli", "gradients",
 )  # fmt: skip
 
 

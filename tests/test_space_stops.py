@@ -48,7 +48,12 @@ def test_exact_runs_agree_with_the_reference(name, tolerance, frame):
 
 @pytest.mark.parametrize(
     ("method", "options"),
-    [("energy_conserving", {}), ("generalized_alpha", {"rho_infinity": 1.0}), ("central_difference", {})],
+    [
+        ("energy_conserving", {}),
+        # No other test needs these kernels.
+        pytest.param("generalized_alpha", {"rho_infinity": 1.0}, marks=pytest.mark.kernels("plain")),
+        ("central_difference", {}),
+    ],
 )
 def test_steps_converge_to_the_reference(method, options):
     d, _, histories = reference_case("moving/space_stops_mass")
