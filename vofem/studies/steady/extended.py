@@ -183,8 +183,15 @@ class Extended:
         return ExtendedEvaluation(now, residual, jacobian, error, bend, critical.get(self.kind, (1.0 + 0.0j,)))
 
     def solved(self, guess: Array) -> Array:
-        """Return the special orbit on a branch near a guess, with `value` as its last unknown."""
-        return solved(lambda y: self.evaluate(self.family.of(y), y), guess, _STEPS).unknowns
+        """Return the special orbit on a branch near a guess, with `value` as its last unknown.
+
+        The derivative at the guess serves all steps, because each of its columns costs several evaluations.
+        """
+        first = self.evaluate(self.family.of(guess), guess)
+        return solved(
+            lambda y: self.evaluate(self.family.of(y), y, derivative=False), guess, _STEPS,
+            known=first, step=lambda _, now: direction(first.jacobian, -now.residual),
+        ).unknowns  # fmt: skip
 
     @staticmethod
     def _bend(now: Any, slope: Array, along: Array) -> float:
