@@ -32,6 +32,9 @@ def scene(*effects_of, initial=None, **changes):
 
 BAD_NUMBERS = [-1.0, 0.0, NAN, INF, -INF, 1e300, "1", None, True, [1.0, 2.0], [[], 1.0], 1 + 2j]
 
+NO_NUMBERS = [["1", "2"], [True, False], [1.0, 2j], np.ma.array([1.0, 9e9], mask=[False, True]),
+              np.array([1, 2], "m8[s]"), [1.0, 10**400]]  # fmt: skip
+
 CASES = [
     *((lambda v=v: beam(length=v), "Beam 'deck': length") for v in BAD_NUMBERS),
     *((lambda v=v: beam(rhoA=v), "Beam 'deck': rhoA") for v in (-1.0, 0.0, NAN, INF, "x")),
@@ -87,6 +90,16 @@ CASES = [
     (lambda: vf.Tabulated([0.0, 0.0], [1.0, 2.0]), "must increase strictly"),
     (lambda: vf.Tabulated([0.0, 1e-300, 1.0], [0.0, 1e50, 0.0]), "a slope beyond the range of double precision"),
     (lambda: vf.Tabulated([0.0, 1.0], [1.0, NAN]), "Tabulated: values holds nan"),
+    (lambda: vf.Tabulated([], []), "Tabulated: t is empty, expected an array of numbers"),
+    *((lambda v=v: vf.Tabulated([0.0, 1.0], v), "(?s)values is .* expected an array of numbers") for v in NO_NUMBERS),
+    (lambda: vf.Tabulated([0.0, 1.0], [0.0, 1e61]), "values holds 1e.61 at index .1., expected finite numbers"),
+    (lambda: vf.IwanSpring(vf.Mass(1.0), elongation=[], force=[]), "elongation is empty"),
+    *((lambda v=v: vf.MeasuredFrequencies(v), "frequencies") for v in ([], [[1.0, 2.0]], ["1"])),
+    *((lambda v=v: vf.MeasuredCurve(vf.Mass(1.0), v, v), "frequencies has shape") for v in ([], [[1.0, 2.0]])),
+    *((lambda v=v: vf.MeasuredStatics(vf.Mass(1.0), v, v), "times has shape") for v in ([], [[1.0, 2.0]])),
+    (lambda: vf.MeasuredEvents("stop", [[1.0, 2.0]]), "closings has shape"),
+    (lambda: vf.MeasuredEvents("stop", openings=[-1.0, 2.0]), "none negative"),
+    (lambda: vf.Measured(vf.Mass(1.0), [0.0, 1.0], [0.0, 1.0], offset="no"), "offset is 'no', expected True or False"),
     (lambda: vf.Scene([]), "bodies is empty"),
     (lambda: vf.Scene([1.0]), "expected a Beam or a Mass"),
     (lambda: vf.Scene([beam()], ["load"]), "expected a Contact, a load"),
@@ -333,6 +346,18 @@ def test_many_events_end_with_a_typed_error():
         vf.simulate(s, 100.0, max_events=5)
 
 
+def test_arrays_that_are_overwritten_later_change_nothing():
+    values = np.array([1.0, 2.0])
+    table, bar, data = (
+        vf.Tabulated([0.0, 1.0], values),
+        beam(EI=values, elements=2),
+        vf.Measured(vf.Mass(1.0), values, values),
+    )
+    values[:] = 7.0
+    for kept in (table.values, bar.EI, data.times, data.values):
+        assert kept.tolist() == [1.0, 2.0]
+
+
 def test_contact_on_a_support_can_never_move():
     b = beam()
     stop = vf.Contact(b.at(0.0), gap=0.1, stiffness=1.0, side="below", acts_on="penetration")
@@ -342,6 +367,6 @@ def test_contact_on_a_support_can_never_move():
 
 def test_overflowing_units_are_named():
     with pytest.raises(vf.ArgumentError, match="stiffness matrix overflows"):
-        vf.simulate(vf.Scene([beam(EI=[1e305] * 1000, elements=1000)]), 1.0)
+        vf.simulate(vf.Scene([beam(EI=lambda x: 1e305, elements=1000)]), 1.0)
     with pytest.raises(vf.ArgumentError, match="length is 1e-100, expected a positive number of at least 1e-60"):
         beam(length=1e-100)

@@ -284,3 +284,68 @@ def test_wrong_data_are_refused() -> None:
         vf.fit(scene, vf.Parameter("stop", "gap"), [measured, vf.Measured(mass, [0.3], [0.0], 1.0)])
     with pytest.raises(vf.ArgumentError, match="data are in Hz and m, and only their noise"):
         vf.fit(scene, vf.Parameter("stop", "gap"), [measured, vf.MeasuredFrequencies([1.0])])
+
+
+def two_loads() -> tuple[vf.Scene, vf.Mass, list[vf.Parameter]]:
+    mass = vf.Mass(2.0, stiffness=50.0, name="m")
+    load = vf.PointLoad(mass, vf.Sine(1.0, 0.5) + vf.Constant(2.0))
+    scene = vf.Scene([mass], [load])
+    fields = ("f.terms.0.amplitude", "f.terms.1.value")
+    return scene, mass, [*(vf.Parameter(load, field) for field in fields), vf.Parameter(mass, "stiffness")]
+
+
+def test_unknown_noise_is_that_of_linear_regression() -> None:
+    scene, mass, parameters = two_loads()
+    times = np.linspace(0.3, 3.0, 6)
+    columns = np.stack([np.sin(0.5 * times), np.ones(times.size)], axis=1) / 50.0
+    data = columns @ [1.0, 2.0] + 1e-4 * np.random.default_rng(3).standard_normal(times.size)
+    best, (rest,), _, _ = np.linalg.lstsq(columns, data)
+    expected = np.linalg.inv(columns.T @ columns) * rest / (times.size - 2)
+    # A zero of the instrument cannot be told from a constant force: both are lost, and one freedom, not two.
+    for offset, known in ((False, [0, 1]), (True, [0])):
+        fit = vf.fit(scene, parameters[:2], vf.MeasuredStatics(mass, times, data, offset=offset))
+        assert np.allclose(fit.values[known], best[known], rtol=1e-8)
+        assert np.allclose(fit.covariance[np.ix_(known, known)], expected[np.ix_(known, known)], rtol=1e-7)
+        assert fit.not_identifiable == ([parameters[1].name] if offset else [])
+
+
+def test_data_that_are_too_few_do_not_look_exact() -> None:
+    scene, mass, parameters = two_loads()
+    both = [vf.Parameter(mass, "mass"), parameters[2]]
+    fit = vf.fit(scene, both, vf.MeasuredFrequencies([0.8], 1e-3))
+    assert fit.not_identifiable == ["m.mass", "m.stiffness"]
+    assert np.all(np.isnan(fit.covariance))
+    fit = vf.fit(scene, both[1], vf.MeasuredFrequencies([0.8]))
+    assert fit.values[0] == pytest.approx(2.0 * (2.0 * np.pi * 0.8) ** 2, rel=1e-9)
+    assert np.isnan(fit.deviation[0])
+    assert fit.not_identifiable == []
+    assert "of unknown deviation" in fit.report()
+    assert "1 data determine as many numbers" in fit.report()
+    with pytest.raises(vf.ArgumentError, match=r"horizon is 0\.1 s, before the first of the data"):
+        vf.fit(scene, both, vf.Measured(mass, [0.5, 1.0], [0.0, 0.0]), horizon=0.1)
+
+
+def test_what_a_number_may_be_is_its_bound() -> None:
+    mass = vf.Mass(1.0, stiffness=50.0, name="m")
+    scenes = [vf.Scene([mass], [vf.RigidStop(mass, gap=0.01, restitution=e, side="above", name="stop")],
+                       initial={mass: (0.0, 1.0)}) for e in (1.0, 0.98)]  # fmt: skip
+    times = np.linspace(0.05, 1.0, 20)
+    noise = 1e-3 * np.random.default_rng(1).standard_normal(times.size)
+    data = vf.simulate(scenes[0], 1.0, times=times, method="event_driven").displacement(mass) + noise
+    fit = vf.fit(scenes[1], vf.Parameter("stop", "restitution"), vf.Measured(mass, times, data, 1e-3))
+    assert fit.values[0] == pytest.approx(1.0, abs=1e-9)
+    assert fit.notes == ["bound: stop.restitution lies at a bound, 1"]
+
+
+def test_units_of_numbers_are_those_of_their_loads() -> None:
+    beam = vf.Beam(1.0, 1.0, 1.0, 2, {"left": "clamped"})
+    moment, line = (
+        vf.PointMoment(beam.at(1.0), vf.Sine(1.0, 2.0)),
+        vf.DistributedLoad(beam, 1.0, vf.Ramp(1.0, 0.0, 1.0)),
+    )
+    force = vf.PointLoad(beam.at(1.0), 2.0 * vf.Sine(1.0, 2.0))
+    scene = vf.Scene([beam], [moment, line, force])
+    cases = ((moment, "f.amplitude", "N m"), (moment, "f.omega", "rad/s"), (line, "f.slope", "1/s"), (line, "p", "N/m"),
+             (force, "f.function.amplitude", "N"), (force, "f.factor", ""), (beam, "EI", "N m^2"))  # fmt: skip
+    for target, field, unit in cases:
+        assert vf.Parameter(target, field).unit(scene) == unit

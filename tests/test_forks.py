@@ -54,12 +54,12 @@ def test_children_of_a_process_with_threads_compute():
     for thread in threads:
         thread.start()
     try:
-        codes = [in_child(lambda: int(histories() != expected)) for _ in range(20)]
+        codes = [in_child(lambda: int(histories() != expected)) for _ in range(8)]
     finally:
         over.set()
         for thread in threads:
             thread.join()
-    assert codes == [0] * 20
+    assert codes == [0] * 8
 
 
 def test_locks_that_another_thread_holds_are_open_in_a_child():

@@ -133,16 +133,26 @@ def whole(what: str, value: Any, least: int = 1, most: int | None = None) -> int
 
 
 def array(what: str, values: Any, *, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-    """Return `values` as a float array of finite numbers, or raise `ArgumentError` naming `what`."""
+    """Return `values` as a new float array of finite numbers, or raise `ArgumentError` naming `what`.
+
+    Booleans, texts, complex numbers, times and masked values are refused. The array is a copy: what its owner writes
+    into `values` later changes nothing.
+    """
     try:
-        result = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise ArgumentError(f"{what} is {values!r}, expected an array of numbers") from None
+        given = np.asarray(values)
+        sound = given.dtype.kind in "iufO" and not np.ma.is_masked(values)
+        result = given.astype(float) if sound else None
+    except (TypeError, ValueError, OverflowError):
+        result = None
+    if result is None:
+        raise ArgumentError(f"{what} is {values!r}, expected an array of numbers")
     if shape is not None and result.shape != shape:
         raise ArgumentError(f"{what} has shape {result.shape}, expected {shape}")
-    if not np.all(np.isfinite(result)):
-        bad = np.argwhere(~np.isfinite(result))[0].tolist()
-        raise ArgumentError(f"{what} holds {result[tuple(bad)]} at index {bad}, expected finite numbers")
+    bad = ~(np.abs(result) <= HUGE)
+    if np.any(bad):
+        place = np.argwhere(bad)[0].tolist()
+        found = result[tuple(place)]
+        raise ArgumentError(f"{what} holds {found} at index {place}, expected finite numbers (at most {HUGE:g})")
     return result
 
 

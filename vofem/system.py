@@ -389,3 +389,8 @@ class Events:
         held = np.isin(np.append(self.initial[contact], self.status[mine]), statuses)
         turned, numbers = np.diff(held, prepend=False), np.append(-1, mine)
         return numbers[turned & held], numbers[turned & ~held]
+
+    def times(self, contact: int, *statuses: int) -> tuple[Array, Array]:
+        """Return the times in s at which a contact enters some statuses (0: the start), and leaves them."""
+        entered, left = self.stays(contact, *statuses)
+        return np.append(self.time, 0.0)[entered], self.time[left]

@@ -215,17 +215,9 @@ class RigidStop(Stop):
     gap: Annotated[float, Real("m", "The gap.")]
     restitution: Annotated[
         float,
-        Real("", "Coefficient of restitution e: speed after over speed before an impact, from 0 to 1.", least=0.0),
+        Real("", "Coefficient of restitution e: speed after over speed before an impact.", least=0.0, most=1.0),
     ]
     side: Side = None
-
-    @rule("restitution")
-    def _no_energy_is_made(self) -> None:
-        if self.restitution > 1.0:
-            raise wrong(
-                f"{label_of(self)}: restitution", f"{self.restitution:g}", "a number from 0 to 1",
-                "; above 1 every impact would add energy",
-            )  # fmt: skip
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the row and the coefficient."""

@@ -15,6 +15,8 @@ from vofem.blas import one_thread
 from vofem.cards import Saved
 from vofem.errors import ArgumentError, ConvergenceError, VofemError
 from vofem.fitting.measured import Data, Trial
+from vofem.parameters import Real
+from vofem.parameters.kinds import Either
 from vofem.scene import Scene, as_scene
 from vofem.sensitivities import Parameter
 from vofem.sensitivities.parameter import parameters_of
@@ -36,9 +38,6 @@ _KEPT = 4
 
 #: Range of further starts around the scene's numbers where there are no bounds.
 _SPREAD = 0.5
-
-#: Fields that stay positive.
-_POSITIVE = {"stiffness", "damping", "mass", "EI", "rhoA", "length", "alpha", "beta", "ratio"}
 
 
 @dataclass(frozen=True)
@@ -67,9 +66,10 @@ class Fit(Saved):
     parameters : tuple of Parameter
         Of `scene`, in the order in which they were given.
     values, deviation : ndarray, shape (p,)
-        Estimates, and their standard deviations; NaN for parameters that the data do not determine.
+        Estimates, and their standard deviations; NaN for parameters that the data do not determine, and where there
+        are no more data than unknowns, which do not tell their noise.
     covariance : ndarray, shape (p, p)
-        NaN in rows and columns of parameters that the data do not determine.
+        NaN where `deviation` is.
     offsets : ndarray
         Estimated constants of the data with ``offset=True``, in their order.
     residuals : ndarray, shape (n,)
@@ -123,11 +123,13 @@ class Fit(Saved):
         lines = [f"{self.residuals.size} data, chi2 = {self.chi2:.6g}, {self.runs} runs {begun}"]
         width = max(len(parameter.name) for parameter in self.parameters)
         for parameter, value, deviation in zip(self.parameters, self.values, self.deviation, strict=True):
-            spread = "not determined" if np.isnan(deviation) else f"+- {deviation:.3g}"
+            spread = "of unknown deviation" if np.isnan(deviation) else f"+- {deviation:.3g}"
+            spread = "not determined" if parameter.name in self.not_identifiable else spread
             lines.append(f"  {parameter.name:<{width}}  {value:.8g} {spread} {parameter.unit(self.scene)}".rstrip())
         for k in range(len(self.parameters)):
             for j in range(k):
-                share = self.covariance[j, k] / (self.deviation[j] * self.deviation[k])
+                both = self.deviation[j] * self.deviation[k]
+                share = self.covariance[j, k] / both if both > 0.0 else 0.0
                 if abs(share) > 0.5:
                     names = f"{self.parameters[j].name}, {self.parameters[k].name}"
                     lines.append(f"  correlation of {names}: {share:.3f}")
@@ -139,12 +141,17 @@ def _outcome(data: tuple[Data, ...], problem: _Problem, starts: tuple[FitStart, 
     scene, p = problem.scene_of(solved.x), len(problem.parameters)
     parameters = tuple(parameter.carried(problem.scene, scene) for parameter in problem.parameters)
     values, notes = solved.x[:p], list(solved.notes)
-    covariance, poor = _covariance(solved, p, problem.noise_is_known, solved.residuals.size)
+    covariance, poor = _covariance(solved, p, problem.noise_is_known)
     lost = [parameters[k].name for k in poor]
     if lost:
         notes.append(
             f"not identifiable: the data do not determine {', '.join(lost)}; give other data, or leave these "
             "parameters out"
+        )
+    if len(lost) < p and np.all(np.isnan(covariance)):
+        notes.append(
+            f"no deviations: {solved.residuals.size} data determine as many numbers, so that they do not tell their "
+            "noise; give noise=, or more data"
         )
     low, high = problem.bounds
     for k, parameter in enumerate(parameters):
@@ -173,8 +180,8 @@ class _Solved:
 class _Problem:
     """Residuals and Jacobians over parameters and offsets."""
 
-    def __init__(self, scene: Scene, parameters: tuple[Parameter, ...], data: tuple[Data, ...], method: str) -> None:
-        self.scene, self.parameters, self.data, self._method = scene, parameters, data, method
+    def __init__(self, scene: Scene, parameters: tuple[Parameter, ...], data: tuple[Data, ...]) -> None:
+        self.scene, self.parameters, self.data = scene, parameters, data
         self.first = np.array([parameter.value(scene) for parameter in parameters])
         self.with_offset = [k for k, one in enumerate(data) if one.offset]
         known = [one.noise is not None for one in data]
@@ -195,9 +202,13 @@ class _Problem:
         self._known: dict[tuple[bytes, float], tuple[Trial, Array]] = {}
 
     def _bounds(self) -> tuple[Array, Array]:
-        low, high = np.array([parameter.bounds for parameter in self.parameters]).T
-        positive = np.array([parameter.field in _POSITIVE for parameter in self.parameters])
-        low = np.where(positive, np.maximum(low, 1e-6 * np.abs(self.first)), low)
+        low, high = np.array([parameter.bounds for parameter in self.parameters]).T.copy()
+        for k, (parameter, first) in enumerate(zip(self.parameters, self.first.tolist(), strict=True)):
+            kind = parameter.kind(self.scene)
+            kind = kind.forms()[0] if isinstance(kind, Either) else kind
+            least, most = kind.ends if isinstance(kind, Real) else (-np.inf, np.inf)
+            # What must not be negative stays away from zero, where it would have no effect.
+            low[k], high[k] = max(low[k], 1e-6 * abs(first) if least == 0.0 else least), min(high[k], most)
         outside = (self.first < low) | (self.first > high)
         if np.any(outside):
             k = int(np.argmax(outside))
@@ -223,7 +234,7 @@ class _Problem:
             end = min(until, self.end)
             used = [one.times[one.times <= end] for one in self.data if one.times is not None]
             times = np.unique(np.concatenate([*used, [end]])) if used and end > 0.0 else np.zeros(1)
-            trial = Trial(self.scene, scene, parameters, until, times, self._method)
+            trial = Trial(self.scene, scene, parameters, until, times)
             self.runs += 1
             parts = []
             for k, one in enumerate(self.data):
@@ -304,22 +315,28 @@ class _Problem:
         return _Solved(whole, residuals, jacobian, chi2, self.runs - before, notes, until)
 
 
-def _covariance(solved: _Solved, p: int, known: bool, count: int) -> tuple[Array, list[int]]:
-    """Return the covariance (p, p), NaN where the data tell nothing, and the numbers of such parameters."""
+def _covariance(solved: _Solved, p: int, known: bool) -> tuple[Array, list[int]]:
+    """Return the covariance (p, p), NaN where the data tell nothing, and the numbers of parameters that they miss.
+
+    Unknown noise is estimated from the residuals; with no more data than what they determine all is NaN.
+    """
     jacobian = solved.jacobian
     norms = np.linalg.norm(jacobian, axis=0)
     poor = set(np.flatnonzero(norms == 0.0).tolist())
     rest = np.flatnonzero(norms > 0.0)
     covariance = np.full((p, p), np.nan)
     if rest.size:
-        _, s, vt = np.linalg.svd(jacobian[:, rest] / norms[rest], full_matrices=False)
+        # Fewer data than unknowns miss some directions: rows of zeros show them.
+        missing = np.zeros((max(rest.size - jacobian.shape[0], 0), rest.size))
+        _, s, vt = np.linalg.svd(np.concatenate([jacobian[:, rest] / norms[rest], missing]), full_matrices=False)
         weak = s <= _SINGULAR * s[0]
         for direction in vt[weak]:
             poor |= set(rest[np.abs(direction) > 0.1 * np.max(np.abs(direction))].tolist())
         kept = vt[~weak] / s[~weak, None]
         whole = (kept.T @ kept) / np.outer(norms[rest], norms[rest])
         if not known:
-            whole = whole * solved.chi2 / max(count - rest.size, 1)
+            spare = solved.residuals.size - len(kept)
+            whole = whole * (solved.chi2 / spare if spare else np.nan)
         told = np.flatnonzero([k < p and k not in poor for k in rest.tolist()])
         covariance[np.ix_(rest[told], rest[told])] = whole[np.ix_(told, told)]
     return covariance, sorted(k for k in poor if k < p)
@@ -378,8 +395,10 @@ def fit(
     if not measured or not all(isinstance(one, Data) for one in measured):
         raise wrong("fit: data", repr(data), "what vofem.Measured returns, or several of these")
     starts = whole("fit: starts", starts)
-    problem = _Problem(scene, chosen, measured, "event_driven")
+    problem = _Problem(scene, chosen, measured)
     windows = _windows(horizon, problem.end)
+    if not problem.weights(windows[-1]).size:
+        raise ArgumentError(f"fit: horizon is {horizon!r} s, before the first of the data; give a later one")
     found: list[tuple[FitStart, _Solved]] = []
     failure: VofemError | None = None
     for begin in _begins(problem, starts):

@@ -10,10 +10,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import array, choice, listed, name_of, number, public
+from vofem._validate import array, choice, listed, name_of, number, public, series
 from vofem.arrays import Array
 from vofem.bodies.base import Point, as_point
 from vofem.errors import ArgumentError, ConvergenceError
+from vofem.parameters import Flag
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.sensitivities import EquilibriumSensitivities, Parameter, RunSensitivities, sensitivities
@@ -40,10 +41,10 @@ class Trial:
     """
 
     def __init__(
-        self, base: Scene, scene: Scene, parameters: tuple[Parameter, ...], until: float, times: Array, method: str
+        self, base: Scene, scene: Scene, parameters: tuple[Parameter, ...], until: float, times: Array
     ) -> None:
         self.base, self.scene, self.parameters, self.until = base, scene, parameters, until
-        self._times, self._method = times, method
+        self._times = times
         self._known: dict[Any, Any] = {}
 
     def once(self, key: Any, compute: Callable[[], Any]) -> Any:
@@ -55,7 +56,8 @@ class Trial:
     @cached_property
     def run(self) -> Result:
         """The run."""
-        return simulate(self.scene, float(self._times[-1]), times=self._times, method=self._method, progress=False)
+        end = float(self._times[-1])
+        return simulate(self.scene, end, times=self._times, method="event_driven", progress=False)
 
     @cached_property
     def derivatives(self) -> RunSensitivities:
@@ -185,12 +187,12 @@ class Measured(Data):
         offset: bool = False,
     ) -> None:
         self.point = as_point("Measured: point", point)
-        self.times = array("Measured: times", times)
-        if self.times.ndim != 1 or not self.times.size or np.any(np.diff(self.times) <= 0.0) or self.times[0] < 0.0:
-            raise ArgumentError("Measured: times must be one row of increasing numbers, not negative")
+        self.times = series("Measured: times", times)
+        if np.any(np.diff(self.times) <= 0.0) or self.times[0] < 0.0:
+            raise ArgumentError("Measured: times must be increasing numbers, not negative")
         self._hold(array("Measured: values", values, shape=self.times.shape), noise, self.times)
         self.quantity = choice("Measured: quantity", quantity, tuple(_UNITS))
-        self.offset = bool(offset)
+        self.offset = Flag().check("Measured: offset", offset)
 
     @property
     def unit(self) -> str:  # type: ignore[override]
@@ -234,11 +236,14 @@ class MeasuredEvents(Data):
         self, contact: Any, closings: ArrayLike = (), openings: ArrayLike = (), noise: float | ArrayLike | None = None
     ) -> None:
         self.contact = name_of(contact)
-        self.closings = np.atleast_1d(array("MeasuredEvents: closings", closings))
-        self.openings = np.atleast_1d(array("MeasuredEvents: openings", openings))
+        self.closings, self.openings = (
+            np.empty(0) if np.size(given) == 0 else series(f"MeasuredEvents: {name}", given)
+            for name, given in (("closings", closings), ("openings", openings))
+        )
         self._hold(np.concatenate([self.closings, self.openings]), noise)
-        if not self.values.size or np.any(np.diff(self.closings) <= 0.0) or np.any(np.diff(self.openings) <= 0.0):
-            raise ArgumentError("MeasuredEvents: give increasing times of closings, openings or both")
+        steps = np.concatenate([np.diff(self.closings), np.diff(self.openings)])
+        if not self.values.size or np.any(steps <= 0.0) or np.any(self.values < 0.0):
+            raise ArgumentError("MeasuredEvents: give increasing times of closings, openings or both, none negative")
         self.times = np.sort(self.values)
 
     def describe(self) -> str:
@@ -283,7 +288,7 @@ class MeasuredFrequencies(Data):
     def __init__(
         self, frequencies: ArrayLike, noise: float | ArrayLike | None = None, *, closed: Sequence[Any] = ()
     ) -> None:
-        self._hold(np.atleast_1d(array("MeasuredFrequencies: frequencies", frequencies)), noise)
+        self._hold(series("MeasuredFrequencies: frequencies", frequencies), noise)
         if np.any(self.values <= 0.0) or np.any(np.diff(self.values) <= 0.0):
             raise ArgumentError("MeasuredFrequencies: frequencies must be positive and increasing")
         self.closed = tuple(name_of(one) for one in listed(closed))
@@ -334,9 +339,9 @@ class MeasuredStatics(Data):
         offset: bool = False,
     ) -> None:  # fmt: skip
         self.point = as_point("MeasuredStatics: point", point)
-        at = np.atleast_1d(array("MeasuredStatics: times", times))
+        at = series("MeasuredStatics: times", times)
         self._hold(array("MeasuredStatics: values", values, shape=at.shape), noise, at)
-        self.offset = bool(offset)
+        self.offset = Flag().check("MeasuredStatics: offset", offset)
 
     def describe(self) -> str:
         """Return point and number of values."""
@@ -406,7 +411,7 @@ class MeasuredCurve(Data):
         span: tuple[float, float] | None = None,
     ) -> None:
         self.point = as_point("MeasuredCurve: point", point)
-        self.frequencies = np.atleast_1d(array("MeasuredCurve: frequencies", frequencies))
+        self.frequencies = series("MeasuredCurve: frequencies", frequencies)
         if np.any(self.frequencies <= 0.0) or np.ptp(self.frequencies) == 0.0:
             raise ArgumentError("MeasuredCurve: frequencies must be positive, and at least two of them different")
         values = array("MeasuredCurve: amplitudes", amplitudes, shape=self.frequencies.shape)

@@ -42,27 +42,20 @@ class ContactHistory:
     def __repr__(self) -> str:
         return f"ContactHistory({self.name!r}, {self.closings.size} closings, {self.openings.size} openings)"
 
-    def _times(self, *statuses: int) -> tuple[Array, Array]:
-        """Return the times in s at which the contact enters some statuses, and at which it leaves them."""
-        events = self._run.solution.events
-        times = np.append(events.time, 0.0)
-        entered, left = events.stays(self._index, *statuses)
-        return times[entered], times[left]
-
     @property
     def closings(self) -> Array:
         """Times in s at which the contact closes. The first is 0.0 if it starts closed."""
-        return self._times(CLOSED)[0]
+        return self._run.solution.events.times(self._index, CLOSED)[0]
 
     @property
     def openings(self) -> Array:
         """Times in s at which the contact opens."""
-        return self._times(CLOSED)[1]
+        return self._run.solution.events.times(self._index, CLOSED)[1]
 
     @property
     def pinned(self) -> Array:
         """Intervals in s in which the contact is pinned, that is, rests exactly at its gap, shape (k, 2)."""
-        begin, end = self._times(PINNED)
+        begin, end = self._run.solution.events.times(self._index, PINNED)
         return np.stack([begin, np.append(end, self._run.solution.t_end)[: begin.size]], axis=1)
 
     @cached_property

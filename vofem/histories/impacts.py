@@ -15,7 +15,7 @@ from vofem.errors import ArgumentError
 from vofem.histories.motion import Motion
 from vofem.histories.table import Column, Table, Tabled, tabled
 from vofem.histories.touches import RESOLVED, Parts, Span, Touches, resolve, spans_of
-from vofem.system import OPEN, ContactLaws
+from vofem.system import CLOSED, PINNED, ContactLaws
 
 if TYPE_CHECKING:
     from vofem.integrators.event_driven.bounces import Bounces
@@ -187,16 +187,11 @@ class ImpactRecord:
         """Return the spans of the impacts on a rigid stop, their times in s, and the impacts."""
         solution: Any = self._run.solution
         events, every = solution.events, solution.bounces
-        mine = (events.contact == self._index) & (events.time <= solution.t_end)
-        touching = np.append(events.initial[self._index], events.status[mine]) != OPEN
-        number = np.cumsum(touching[1:] & ~touching[:-1]) - (0 if touching[0] else 1)
-        own = every.contact == self._index
-        span = np.full(events.time.size, -1)
-        span[mine] = number
+        entered = events.stays(self._index, CLOSED, PINNED)[0]
+        span = np.searchsorted(entered, every.event, side="right") - 1
+        own = (every.contact == self._index) & (span < self.span.begin.size)
         bounces = type(every)(*(values[own] for values in every))
-        kept = span[bounces.event] < self.span.begin.size
-        bounces = type(every)(*(values[kept] for values in bounces))
-        return span[bounces.event], events.time[bounces.event], bounces
+        return span[own], events.time[bounces.event], bounces
 
     def _resolved(self, tolerance: float) -> tuple[Touches, str]:
         """Return force and rate over all stretches that the run knows, and why not over all."""

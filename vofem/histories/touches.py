@@ -50,7 +50,7 @@ class Span:
 def spans_of(run: Motion, index: int) -> Span:
     """Return when a contact, known by its number, is in touch."""
     events, t_end = run.solution.events, run.solution.t_end
-    begin, end = (np.append(events.time, 0.0)[numbers] for numbers in events.stays(index, CLOSED, PINNED))
+    begin, end = events.times(index, CLOSED, PINNED)
     begin, end = begin[begin <= t_end], end[end <= t_end]
     ended = np.ones(begin.size, dtype=bool)
     if end.size < begin.size:

@@ -68,21 +68,23 @@ class Kind:
 
 @dataclass(frozen=True)
 class Real(Kind):
-    """A finite number with a unit: any, a positive one, or one not below or below a limit."""
+    """A finite number with a unit: any, a positive one, or one between limits, of which `below` is no value itself."""
 
     unit: str = ""
     text: str = ""
     above: float | None = None
     least: float | None = None
     below: float | None = None
+    most: float | None = None
 
     shown = "float"
 
     @property
     def expected(self) -> str:  # type: ignore[override]
         """Its limits."""
-        if self.below is not None:
-            return f"a number from {self.least:g} to below {self.below:g}"
+        if self.below is not None or self.most is not None:
+            end = f"{self.most:g}" if self.below is None else f"below {self.below:g}"
+            return f"a number from {self.least:g} to {end}"
         if self.least is not None:
             return "a number that is not negative" if self.least == 0 else f"a number not below {self.least:g}"
         return "a number" if self.above is None else "a positive number"
@@ -98,12 +100,19 @@ class Real(Kind):
 
     def check(self, what: str, value: Any) -> float:
         """Return a float within the limits."""
-        if self.below is None:
+        if self.below is None and self.most is None:
             return number(what, value, minimum=self.least, positive=self.above is not None)
         result = number(what, value)
-        if not (self.least if self.least is not None else -np.inf) <= result < self.below:
+        low, high = self.ends
+        if not low <= result <= high or result == self.below:
             raise wrong(what, f"{result:g}", self.expected)
         return result
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The ends of its range; infinite where there is no limit."""
+        low, high = (self.least, self.above), (self.most, self.below)
+        return next((x for x in low if x is not None), -np.inf), next((x for x in high if x is not None), np.inf)
 
     def read(self, value: Any, place: Place) -> float | Invalid:
         """Return a float; in a file NaN was not computed anywhere."""
@@ -118,7 +127,8 @@ class Real(Kind):
 
     def described(self) -> dict[str, Any]:
         """Return a number with its limits."""
-        limits = {"exclusiveMinimum": self.above, "minimum": self.least, "exclusiveMaximum": self.below}
+        limits = {"exclusiveMinimum": self.above, "minimum": self.least, "exclusiveMaximum": self.below,
+                  "maximum": self.most}  # fmt: skip
         return {"type": "number", **{k: v for k, v in limits.items() if v is not None}, **super().described()}
 
 
@@ -254,7 +264,10 @@ class Numbers(Kind):
 
     def check(self, what: str, value: Any) -> NDArray[np.float64]:
         """Return an array of floats."""
-        return array(what, value)
+        values = array(what, value)
+        if not values.size:
+            raise wrong(what, "empty", self.expected)
+        return values
 
     def read(self, value: Any, place: Place) -> Any:
         """Return an array of floats; each entry is looked at."""

@@ -258,7 +258,7 @@ def peak_of(forward: Forward, j: int, time: float, begin: float, end: float) -> 
     # The largest force is at an end of the impact, or at the event of another contact.
     at = 0.0 if guess <= 0.5 * duration else duration
     state, slope, bend = slopes(at)
-    return Peak(index, at, law, state, slope, bend, False, event_at(forward, index, at, j))
+    return Peak(index, at, law, state, slope, bend, False, event_at(forward, index if at else index - 1, j))
 
 
 def within(forward: Forward, j: int, begin: float, end: float) -> list[int]:
@@ -271,18 +271,20 @@ def within(forward: Forward, j: int, begin: float, end: float) -> list[int]:
 def edges_of(forward: Forward, index: int, j: int, law: Law) -> list[tuple[int, float]]:
     """Return the events at both ends of a segment, and what a delay of them adds to the impulse of contact j, N."""
     found, piece = [], forward.closed(index)
-    for at, sign in ((0.0, -1.0), (float(forward.segments.durations[index]), 1.0)):
-        if (event := event_at(forward, index, at, j)) is not None:
+    for edge, at, sign in ((index - 1, 0.0, -1.0), (index, float(forward.segments.durations[index]), 1.0)):
+        if (event := event_at(forward, edge, j)) is not None:
             found.append((event, sign * law.value(piece.states(np.array([at]))[:, 0], at)))
     return found
 
 
-def event_at(forward: Forward, index: int, at: float, contact: int) -> int | None:
-    """Return the number of an event, of a contact if there is one, at the begin (0) or at the end of a segment."""
-    t = forward.starts[index] if at == 0.0 else forward.starts[index] + forward.segments.durations[index]
-    found = np.flatnonzero(np.abs(forward.events.time - t) <= _SAME * abs(t))
-    own = found[forward.events.contact[found] == contact]
-    return int([*own, *found][0]) if found.size else None
+def event_at(forward: Forward, index: int, contact: int) -> int | None:
+    """Return the number of an event, of a contact if there is one, at the end of a segment; -1 for the run's start."""
+    record = forward.solution.record
+    # A segment of no duration holds the state before the impact at its end.
+    while not (numbers := record.events_after(index)) and not np.all(record.durations[index + 1 : index + 2]):
+        index += 1
+    own = [number for number in numbers if forward.events.contact[number] == contact]
+    return next(iter([*own, *numbers]), None)
 
 
 def _motion(piece: Closed | Block, matrix: Array, force: Forcing, n: int, tau: float) -> tuple[Array, Array, Array]:

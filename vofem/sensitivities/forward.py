@@ -233,31 +233,23 @@ class Forward:
         if not self.bare and self.begin is not None:
             z, v = self._pass(-1, self.begin, z, v)
         # What rests at a rigid stop at the start has come there by an event of that time.
-        event = int(np.count_nonzero(self.events.initial != segments.status[0]))
-        self.event_times[:event] = 0.0
+        record = self.solution.record
+        self.event_times[record.events_after(-1)] = 0.0
         for index in range(segments.starts.size):
             self._starts.append(np.concatenate([scale * z, v]))
             piece = self.closed(index)
             ends = self._starts[-1] if self.bare else piece.ends()
             z, v = ends[:n] / scale, ends[n:]
-            last = index + 1 == segments.starts.size
-            before = segments.status[index]
-            after = self._status_at_end(event) if last else segments.status[index + 1]
-            count = self.events.time.size - event if last else int(np.count_nonzero(before != after))
-            if (bounce := self.solution.hard_bounces.get(index + 1)) is not None:
-                # A stop closes and opens at once.
-                j = int(self.solution.bounces.contact[bounce])
-                count += 2 - int(before[j] != after[j])
-            if not count:
+            numbers = record.events_after(index)
+            if not numbers:
                 continue
+            before, after = segments.status[index], self._status_after(index, numbers)
             state = piece.states(np.array([segments.durations[index]]))[:, 0]
             passage = self.solution.passage(index, (after, *self._split(state)))
-            numbers = range(event, event + count)
             impact = self._impact(after, numbers, state)
             self.meetings[index] = Meeting(numbers, before, after, state, ends, passage, impact)
             if not self.bare:
                 z, v = self._pass(index, self.meetings[index], z, v)
-            event += count
         return np.concatenate([scale * z, v])
 
     def _resting(self) -> Meeting | None:
@@ -270,10 +262,10 @@ class Forward:
         passage = Passage([], none, np.zeros(0), none.T, held.tolist(), rows, shares(rows))
         return Meeting(range(0), status, status, self.state(0), np.zeros((2 * n, 0)), passage)
 
-    def _status_at_end(self, event: int) -> Status:
-        """Return the status after the events that happen at the very end of the run."""
-        status = np.array(self.segments.status[-1])
-        status[self.events.contact[event:]] = self.events.status[event:]
+    def _status_after(self, index: int, numbers: range) -> Status:
+        """Return the status after the events at the end of a segment."""
+        status = np.array(self.segments.status[index])
+        status[self.events.contact[numbers]] = self.events.status[numbers]
         return status
 
     def _split(self, state: Array) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from vofem._validate import nearest, number, public, whole
 from vofem.errors import ArgumentError
-from vofem.parameters import declarations, is_declared
+from vofem.parameters import Kind, declarations, is_declared
 from vofem.scene import Scene
 from vofem.sensitivities.change import INITIAL, LINEAR, PLACES, after, check_field, function_at, initial_pair, point_of
 
@@ -127,19 +127,23 @@ class Parameter:
         """Return the unit of the number."""
         thing = self.found(scene)[0]
         units = getattr(thing, "units", None)
-        last = self.field.rsplit(".", 1)[-1]
-        if units is not None and last in ("gap", "stiffness", "damping"):
-            return str(getattr(units, "coordinate" if last == "gap" else last))
-        if last in ("amplitude", "value"):
-            return "m/s^2" if self.field.startswith("acceleration") else "N"
+        if units is not None and self.field in ("gap", "stiffness", "damping"):
+            return str(getattr(units, "coordinate" if self.field == "gap" else self.field))
         if self.field in PLACES:
             return "m"
         if self.field in INITIAL:
             return ("m", "m/s")[INITIAL.index(self.field)]
         known = function_at(thing, self.field)
-        holder, name = (thing, self.field) if known is None else known[1:3]
-        declared = declarations(type(holder)).get(name) if is_declared(type(holder)) else None
-        return str(getattr(declared and declared.kind, "unit", ""))
+        if known is not None and known[2] in ("amplitude", "value", "slope"):
+            load = getattr(_kind(thing, known[0]), "unit", "")
+            return f"{load or '1'}/s" if known[2] == "slope" else str(load)
+        return str(getattr(self.kind(scene), "unit", ""))
+
+    def kind(self, scene: Scene) -> Kind | None:
+        """Return the declared kind of the number; None where it has none."""
+        thing = self.found(scene)[0]
+        known = function_at(thing, self.field)
+        return _kind(thing, self.field) if known is None else _kind(*known[1:3])
 
     def changed(self, scene: Scene, amount: float) -> Scene:
         """Return the scene with the number of every target changed by an amount."""
@@ -164,6 +168,12 @@ class Parameter:
 
 
 public(Parameter)
+
+
+def _kind(thing: Any, name: str) -> Kind | None:
+    """Return the declared kind of an attribute; None where it has none."""
+    declared = declarations(type(thing)).get(name) if is_declared(type(thing)) else None
+    return None if declared is None else declared.kind
 
 
 def parameters_of(what: str, parameters: Any, scene: Scene) -> tuple[Parameter, ...]:

@@ -32,7 +32,7 @@ class Tabulated(PiecewiseStraight):
     @rule("t", "values")
     def _straight_lines(self) -> None:
         times, values = self.t, self.values
-        if times.ndim != 1 or times.shape != values.shape or times.size < 1:
+        if times.ndim != 1 or times.shape != values.shape:
             raise ArgumentError(
                 f"Tabulated: t has shape {times.shape} and values {values.shape}, expected two equal shapes (n,)"
             )

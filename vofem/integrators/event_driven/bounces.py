@@ -45,38 +45,21 @@ def struck(row: Array, restitution: float, velocity: Array) -> Array:
 
 def bounces_of(laws: ContactLaws, rows: Array, record: Record, events: Events) -> Bounces:
     """Return the impacts on the rigid stops of a run, given the modal rows of the contacts, (n_contacts, n)."""
-    mine = (
-        np.flatnonzero(laws.rigid[events.contact] & (events.status != OPEN)) if events.time.size else np.zeros(0, int)
-    )
-    times, bounced = events.time[mine], events.status[mine] == CLOSED
-    # Segments may begin at the same time though they last: their durations are below the rounding of times.
-    begins = np.searchsorted(record.starts, times, side="left").tolist()
-    segment = np.zeros(mine.size, dtype=np.int64)
-    values, last = np.zeros((5, mine.size)), 0
-    for k, j in enumerate(events.contact[mine].tolist()):
-        last = max(last, begins[k])
-        index = last
-        while index + 1 < record.segments and record.starts[index + 1] == times[k]:
-            if not bounced[k] and record.status(index)[j] == PINNED:
-                break
-            velocity = record.state(index)[1]
-            after = struck(rows[j], laws.restitution[j], velocity)
-            if bounced[k] and rows[j] @ velocity > 0.0 and np.array_equal(after, record.state(index + 1)[1]):
-                break
-            index += 1
-        segment[k], velocity = index, record.state(index)[1]
-        if bounced[k]:
-            last = index + 1
-            e, inverse, speed = laws.restitution[j], rows[j] @ rows[j], rows[j] @ velocity
+    mine = np.flatnonzero(laws.rigid[events.contact] & (events.status != OPEN))
+    # The segment that an impact begins; the one before a bounce holds the state before it.
+    segment = np.searchsorted(record.logged, mine, side="right")
+    values = np.zeros((5, mine.size))
+    for k, (number, j) in enumerate(zip(mine.tolist(), events.contact[mine].tolist(), strict=True)):
+        index = int(segment[k])
+        if events.status[number] == CLOSED:
+            e, inverse, speed = laws.restitution[j], rows[j] @ rows[j], rows[j] @ record.state(index - 1)[1]
             pressed = 0.5 * speed**2 / inverse
             values[:, k] = speed, e * speed, (1.0 + e) * speed / inverse, pressed, (1.0 - e**2) * pressed
-        else:
+        elif index < record.segments and record.status(index)[j] == PINNED:
+            # It was not let go at the same time.
             held = np.flatnonzero(record.status(index) == PINNED)
-            if j not in held:
-                # It was let go at the same time.
-                continue
-            speeds = np.where(held < events.initial.size, rows[held] @ velocity, 0.0)
+            speeds = np.where(held < events.initial.size, rows[held] @ record.state(index)[1], 0.0)
             own = int(np.flatnonzero(held == j)[0])
             speed, impulse = speeds[own], np.linalg.solve(rows[held] @ rows[held].T, speeds)[own]
             values[:, k] = speed, 0.0, impulse, 0.5 * speed * impulse, 0.5 * speed * impulse
-    return Bounces(mine, segment + bounced, events.contact[mine], *values)
+    return Bounces(mine, segment, events.contact[mine], *values)

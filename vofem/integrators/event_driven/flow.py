@@ -184,17 +184,14 @@ def _changed(solution: EventSolution, changes: Array, end: tuple[Status, Array, 
 
 def _events(solution: EventSolution, end: tuple[Status, Array, Array]) -> list[FlowEvent]:
     """Return the events of a flow, given contact status and modal state at its end."""
-    record, space, bounces = solution.record, solution.space, solution.bounces
+    record, space = solution.record, solution.space
     events: list[FlowEvent] = []
     for index, (begin, duration) in enumerate(zip(record.starts, record.durations, strict=True)):
         inner = index + 1 < record.segments
         time = float(record.starts[index + 1] if inner else begin + duration)
         after, velocity = (record.status(index + 1), record.state(index + 1)[1]) if inner else end[::2]
-        if index + 1 in solution.hard_bounces:
-            assert bounces is not None
-            number = solution.hard_bounces[index + 1]
-            rate = float(bounces.approach[number])
-            events.append(FlowEvent(time, int(bounces.contact[number]), OPEN, OPEN, rate))
+        if (struck := solution.bounced(index)) is not None:
+            events.append(FlowEvent(time, struck, OPEN, OPEN, float(space.contacts[struck] @ record.state(index)[1])))
             continue
         before = record.status(index)
         for j in np.flatnonzero(before != after).tolist():

@@ -62,8 +62,8 @@ MODES_OF_RUN, CONTACTS, LOADS, INTERVALS, DRIFTING, SEGMENT_ROOM, EVENT_ROOM, SE
 #: bounds on the terms that these are summed of, and `LAWS`; the time that has been reached (1,), the modal state (2, n)
 #: and the gap functions (c,); the arrays of the record, see `Buffers`; and work space.
 EDGES, STATES, KINDS, OMEGA, BEND, DRIFT, CONTACT_ROWS, CONTACT_SIZES, LAWS, TIME, STATE, GAPS = range(16, 28)
-STARTS, DURATIONS, STATUSES, DISPLACEMENTS, VELOCITIES, SEGMENT_GAPS = range(28, 34)
-EVENT_TIME, EVENT_CONTACT, EVENT_STATUS, WORK_X, WORK_F, WORK_MODAL, WORK_BOTH, NUMBERS = range(34, 42)
+STARTS, DURATIONS, STATUSES, DISPLACEMENTS, VELOCITIES, SEGMENT_GAPS, LOGGED = range(28, 35)
+EVENT_TIME, EVENT_CONTACT, EVENT_STATUS, WORK_X, WORK_F, WORK_MODAL, WORK_BOTH, NUMBERS = range(35, 43)
 
 #: Columns of the array of the laws, (c, 4): the gap in m, the squared norm of the row, and two numbers: a contact may
 #: be pinned where its speed squared is below ``pinning + pinning_rate speed``.
@@ -186,7 +186,7 @@ def run_segments(
     starts, durations = shaped(floats(run[STARTS]), (room,)), shaped(floats(run[DURATIONS]), (room,))
     statuses, all_gaps = shaped(integers(run[STATUSES]), (room,)), shaped(floats(run[SEGMENT_GAPS]), (room, contacts))
     displacements = shaped(floats(run[DISPLACEMENTS]), (room, n))
-    velocities = shaped(floats(run[VELOCITIES]), (room, n))
+    velocities, logged = shaped(floats(run[VELOCITIES]), (room, n)), shaped(integers(run[LOGGED]), (room,))
     event_time = shaped(floats(run[EVENT_TIME]), (event_room,))
     event_contact = shaped(integers(run[EVENT_CONTACT]), (event_room,))
     event_status = shaped(integers(run[EVENT_STATUS]), (event_room,))
@@ -266,7 +266,7 @@ def run_segments(
         copy(change[1, first:], both[0, own:])
         _add_answers(steady, change, 1.0, both[0])
         from_blocks(slot, both, moved, moved_rate)
-        starts[row], durations[row], statuses[row] = t, tau, number
+        starts[row], durations[row], statuses[row], logged[row] = t, tau, number, run[EVENTS]
         copy(gaps, all_gaps[row])
         copy(state[0], displacements[row])
         copy(state[1], velocities[row])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
-from vofem.integrators.event_driven.segment import Segments
+from vofem.integrators.event_driven.segment import Segments, counted
 from vofem.system import Events
 
 Status = NDArray[np.int64]
@@ -28,6 +28,7 @@ class Buffers(NamedTuple):
     displacement: Array
     velocity: Array
     gaps: Array  #: Gap functions at the start, m, shape (rows, n_contacts).
+    logged: Status  #: Numbers of the events before the segments, shape (rows,).
     event_time: Array  #: Times of the events in s, shape (event_rows,).
     #: `event_contact`, `event_status`: the contact and the status that it takes, shape (event_rows,).
     event_contact: Status
@@ -49,8 +50,8 @@ class Record:
         rows = _FIRST_ROWS
         self.buffers = Buffers(
             np.empty(rows), np.empty(rows), np.empty(rows, dtype=np.int64), np.empty((rows, size)),
-            np.empty((rows, size)), np.empty((rows, contacts)), np.empty(rows), np.empty(rows, dtype=np.int64),
-            np.empty(rows, dtype=np.int64),
+            np.empty((rows, size)), np.empty((rows, contacts)), np.empty(rows, dtype=np.int64), np.empty(rows),
+            np.empty(rows, dtype=np.int64), np.empty(rows, dtype=np.int64),
         )  # fmt: skip
 
     def make_room(self, segments: int, events: int) -> None:
@@ -82,6 +83,7 @@ class Record:
         parts.starts[k], parts.durations[k] = t, np.nan
         parts.status[k] = self.number(status)
         parts.displacement[k], parts.velocity[k] = displacement, velocity
+        parts.logged[k] = self.events
         self.segments += 1
 
     def add_event(self, t: float, contact: int, status: int) -> None:
@@ -94,6 +96,12 @@ class Record:
     def status(self, index: int) -> Status:
         """Return the contact status of a segment."""
         return self.statuses[self.buffers.status[index]]
+
+    def events_after(self, index: int) -> range:
+        """Return the numbers of the events between a segment and the next one; -1 for those before the first."""
+        logged, following = self.buffers.logged, index + 1
+        first = int(logged[index]) if index >= 0 else 0
+        return range(first, int(logged[following]) if following < self.segments else self.events)
 
     @property
     def last_status(self) -> Status:
@@ -115,6 +123,11 @@ class Record:
         return self.buffers.durations[: self.segments]
 
     @property
+    def logged(self) -> Status:
+        """Numbers of the events that had been written when the segments began."""
+        return self.buffers.logged[: self.segments]
+
+    @property
     def status_numbers(self) -> Status:
         """Numbers of the contact statuses of the segments."""
         return self.buffers.status[: self.segments]
@@ -126,7 +139,7 @@ class Record:
         table = np.array(self.statuses, dtype=np.int64).reshape(len(self.statuses), contacts)
         return Segments(
             parts.starts[rows], parts.durations[rows], table[parts.status[rows]], parts.displacement[rows],
-            parts.velocity[rows], parts.gaps[rows],
+            parts.velocity[rows], parts.gaps[rows], parts.logged[rows],
         )  # fmt: skip
 
     def log(self, initial: Status) -> Events:
@@ -137,9 +150,9 @@ class Record:
         times, contacts, status = parts.event_time[rows], parts.event_contact[rows], parts.event_status[rows]
         return Events(times.copy(), contacts.copy(), status.copy(), initial)
 
-    def fill(self, segments: Segments, times: Array, contacts: Status, status: Status) -> None:
-        """Take over the segments and events of an earlier run."""
-        count, events = segments.starts.size, len(times)
+    def fill(self, segments: Segments, log: Events, rigid: NDArray[np.bool_]) -> None:
+        """Take over the segments and events of an earlier run; `rigid` (n_contacts,) tells which stops are."""
+        count, events = segments.starts.size, log.time.size
         self.segments, self.events = 0, 0
         self.make_room(count, events)
         parts = self.buffers
@@ -148,9 +161,11 @@ class Record:
         for k, row in enumerate(np.ascontiguousarray(segments.status, dtype=np.int64)):
             parts.status[k] = self.number(row)
         parts.gaps[:count] = segments.gaps
-        parts.event_time[:events], parts.event_contact[:events], parts.event_status[:events] = times, contacts, status
+        parts.logged[:count] = counted(segments, log, rigid) if segments.logged is None else segments.logged
+        parts.event_time[:events], parts.event_contact[:events] = log.time, log.contact
+        parts.event_status[:events] = log.status
         self.segments, self.events = count, events
 
 
 #: How many of the arrays of `Buffers` have a row for each segment; the others have one for each event.
-_SEGMENT_ARRAYS = 6
+_SEGMENT_ARRAYS = 7

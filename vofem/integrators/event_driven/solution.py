@@ -144,7 +144,7 @@ class EventSolution:
         # Gap functions at the end of the last segment, before an event there.
         self.gaps_now: Array | None = None
         self._initial = np.empty(0, dtype=np.int64)
-        self._bounces: tuple[tuple[int, int], Bounces, dict[int, int]] | None = None
+        self._bounces: tuple[tuple[int, int], Bounces] | None = None
         self.load_functions, self.load_vectors = gathered(system.loads, space.loads)
         self.moving = None if system.contacts is None else system.contacts.moving
         if self.moving is not None:
@@ -169,8 +169,8 @@ class EventSolution:
         # Answers count their work apart from that of the run.
         _ = solution.linear
         solution.counters, solution.notes = counters, notes
-        solution.record.fill(segments, events.time, events.contact, events.status)
-        solution._initial, solution.since = events.initial, float(segments.starts[0])
+        solution._take_over(segments, events)
+        solution.since = float(segments.starts[0])
         return solution
 
     @cached_property
@@ -213,14 +213,20 @@ class EventSolution:
 
     def go_on(self, saved: dict[str, Any]) -> tuple[float, Status, Array, Array]:
         """Restore a snapshot of the same run; return the time and the state from which the run continues."""
-        segments, log = Segments(*saved["segments"]), saved["log"]
-        self.record.fill(segments, log[:, 0], log[:, 1].astype(np.int64), log[:, 2].astype(np.int64))
-        self._initial = saved["initial"]
+        log = saved["log"]
+        events = Events(log[:, 0], log[:, 1].astype(np.int64), log[:, 2].astype(np.int64), saved["initial"])
+        self._take_over(Segments(*saved["segments"]), events)
         for name, value in vars(saved["counters"]).items():
             setattr(self.counters, name, value)
         self.gaps_now = saved["gaps"]
         t, status, displacement, velocity = saved["now"]
         return t, status, displacement, velocity
+
+    def _take_over(self, segments: Segments, events: Events) -> None:
+        """Take over the segments and events of an earlier run."""
+        laws = self.given.contacts
+        self.record.fill(segments, events, np.zeros(0, dtype=bool) if laws is None else laws.rigid)
+        self._initial = events.initial
 
     def cut(self, t: float) -> None:
         """End the run at time t, before its end."""
@@ -271,9 +277,7 @@ class EventSolution:
             return None
         if self._bounces is None or self._bounces[0] != (self.record.events, self.record.segments):
             found = bounces_of(laws, self.space.contacts, self.record, self.events)
-            hard = np.flatnonzero(self.events.status[found.event] == CLOSED).tolist()
-            begun = {int(found.segment[k]): k for k in hard}
-            self._bounces = (self.record.events, self.record.segments), found, begun
+            self._bounces = (self.record.events, self.record.segments), found
         return self._bounces[1]
 
     def begin_with(self, status: Status) -> None:
@@ -615,17 +619,20 @@ class EventSolution:
         """Growth of a perturbation along the run, in closed form."""
         return Sensitivity(np.append(self.segment_starts, self.t_end), growth_along(self))
 
-    @property
-    def hard_bounces(self) -> dict[int, int]:
-        """Numbers of the bounces off rigid stops that do not end at rest there, by the segments that they begin."""
-        return {} if self.bounces is None or self._bounces is None else self._bounces[2]
+    def bounced(self, index: int) -> int | None:
+        """Return the rigid stop off which something bounces at the end of a segment, None where nothing does."""
+        laws, parts, numbers = self.system.contacts, self.record.buffers, self.record.events_after(index)
+        if laws is None or not numbers or parts.event_status[numbers[0]] != CLOSED:
+            return None
+        j = int(parts.event_contact[numbers[0]])
+        return j if laws.rigid[j] else None
 
     def passage(self, index: int, end: tuple[Status, Array, Array] | None = None) -> Passage | None:
         """Return what the events at the end of a segment do to small changes, None where nothing happens there.
 
         `end`: contact status and modal state, each (n,), at the end of the last segment; events there count with it.
         """
-        laws, record, bounces = self.system.contacts, self.record, self.bounces
+        laws, record = self.system.contacts, self.record
         if laws is None or (index + 1 == record.segments and end is None):
             return None
         before, t = record.status(index), float(record.starts[index] + record.durations[index])
@@ -633,8 +640,8 @@ class EventSolution:
             t, end = float(record.starts[index + 1]), (record.status(index + 1), *record.state(index + 1))
         assert end is not None
         after, displacement, velocity = end
-        if bounces is not None and index + 1 in self.hard_bounces:
-            j, velocity = int(bounces.contact[self.hard_bounces[index + 1]]), record.state(index)[1]
+        if (j := self.bounced(index)) is not None:
+            velocity = record.state(index)[1]
             return bounce(self.space, laws, j, (before, after), displacement, velocity, self.load(t))
         if np.array_equal(before, after):
             return None
@@ -673,12 +680,13 @@ class EventSolution:
         events, bounces = self.events, self.bounces
         if not (bounces is not None or np.any(events.status == PINNED) or np.any(events.initial == PINNED)):
             return None
-        lost = np.zeros(self.record.segments)
+        # Bounces at the very end begin no segment.
+        lost = np.zeros(self.record.segments + 1)
         if bounces is not None:
             struck = events.status[bounces.event] == CLOSED
             np.add.at(lost, bounces.segment[struck], bounces.lost[struck])
         contacts = len(events.initial)
-        for index in range(lost.size):
+        for index in range(self.record.segments):
             number = np.flatnonzero(self.record.status(index) == PINNED)
             # A segment of no duration holds the state before a bounce, whose loss is known.
             if number.size and number[0] < contacts and self.record.durations[index] > 0.0:

@@ -71,6 +71,7 @@ def write_segments(blocks: Blocks, group: h5py.Group, solution: Any) -> None:
     segments = solution.segments
     write_array(group, "starts", segments.starts)
     write_array(group, "durations", segments.durations)
+    write_array(group, "logged", segments.logged)
     for name in ("status", "displacement", "velocity", "gaps"):
         write_rows(blocks, group, name, getattr(segments, name))
 
@@ -87,7 +88,7 @@ def restored_solution(
 
     sensitivity, vectors, truncation = (record.pop(name) for name in ("sensitivity", "vectors", "truncation"))
     rows = group["segments"]
-    segments = Segments(**{name: read_array(rows[name]) for name in Segments._fields})
+    segments = Segments(**{name: read_array(rows[name]) for name in Segments._fields if name in rows})
     kind_of: type[EventSolution] = EventSolution
     if record["system"].sliders is not None:
         from vofem.integrators.event_driven.sliding import SlidingSolution as kind_of  # noqa: N813
