@@ -113,7 +113,7 @@ class Extended:
         self._borders: _Borders | None = None
 
     def __getattr__(self, name: str) -> Any:
-        """Return what does not depend on coordinates from the orbits' own chart."""
+        """Return from the orbits' own chart what does not depend on lengths of segments; states come first in both."""
         return getattr(self.inner, name)
 
     @cached_property
@@ -328,20 +328,6 @@ class Extended:
         """Return the orbit."""
         orbit: PeriodicOrbit = self.inner.orbit(problem, y[: -self.more], evaluation.orbit)
         return orbit
-
-    def at_phase(self, problem: Any, evaluation: ExtendedEvaluation, phase: float) -> Array:
-        """Return the state in unknowns at a phase of the loads."""
-        return np.asarray(self.inner.at_phase(problem, evaluation.orbit, phase))
-
-    # -- comparison with a flow -----------------------------------------------------------------------
-
-    def flow(self, problem: Any, y: Array) -> Any:
-        """Return the ordinary flow over one period of the orbit."""
-        return self.inner.flow(problem, y[: -self.more])
-
-    def first_touch(self, evaluation: ExtendedEvaluation, flow: Any) -> Any:
-        """Return the extreme at the first touch of a flow that is none of the signature's."""
-        return self.inner.first_touch(evaluation.orbit, flow)
 
     # -- other signatures -----------------------------------------------------------------------------
 

@@ -205,12 +205,6 @@ class SignatureEvaluation:
         norms = np.linalg.norm(self.problem.space.contacts[contacts], axis=-1)
         return np.maximum(norms * self.sizes[0], np.abs(laws.gap[contacts]))
 
-    def change_after(self, time: float) -> Array:
-        """Return by how much the modal state has changed after a time in s from the anchor on, shape (2n,)."""
-        chart, problem = self.chart, self.problem
-        later = chart.at_phase(problem, self, chart.anchor + time * problem.loads.omega)
-        return np.concatenate(problem.to_modes(later - self.y[: problem.size]))
-
     def repeats(self, flow: Flow) -> bool:
         """Return whether a flow from the orbit's state takes the same switches and comes back; it gives `closing`."""
         self.__dict__["closing"] = away = self._compared(flow)
@@ -283,11 +277,6 @@ class SignatureEvaluation:
         a, b = a[order], b[order]
         tiny = np.abs(b) <= 1e-15 * np.abs(a)
         return np.where(tiny, np.inf, a / np.where(tiny, 1.0, b))
-
-    @property
-    def size(self) -> float:
-        """Size of the displacements."""
-        return self.sizes[0]
 
 
 @dataclass(frozen=True)
