@@ -70,6 +70,20 @@ def test_rounding_of_very_unstable_orbits_does_not_end_a_branch():
     assert max(orbit.residual for orbit in branch.orbits) <= REPEATS
 
 
+def test_what_accepted_orbits_miss_is_rounding():
+    """A branch turns at the grazing of a stop whose force jumps, where multipliers grow beyond 1e8."""
+    case = drawn(212)
+    branch = vf.continuation(case.build, case.stop, case.start)
+    assert branch.values[-1] == case.stop
+    assert min(branch.values) == pytest.approx(414.97376315)
+    near = [orbit for orbit, value in zip(branch.orbits, branch.values, strict=True) if value < 416.0]
+    largest = np.array([np.abs(orbit.multipliers).max() for orbit in near])
+    missed = np.array([away(orbit) for orbit in near])
+    assert missed.max() <= 1e-6
+    assert np.all(missed <= np.maximum(REPEATS, 1e-13 * largest))
+    assert largest[missed > REPEATS].min() > 1e6
+
+
 def test_a_start_is_found_from_smaller_loads():
     """Motions settle on twice the period, and Newton's method finds no orbit from the linear response."""
     case = drawn(329)

@@ -113,7 +113,7 @@ class Extended:
         self._borders: _Borders | None = None
 
     def __getattr__(self, name: str) -> Any:
-        """Return what does not depend on coordinates from the orbits' own chart."""
+        """Return from the orbits' own chart what does not depend on lengths of segments; states come first in both."""
         return getattr(self.inner, name)
 
     @cached_property
@@ -183,8 +183,15 @@ class Extended:
         return ExtendedEvaluation(now, residual, jacobian, error, bend, critical.get(self.kind, (1.0 + 0.0j,)))
 
     def solved(self, guess: Array) -> Array:
-        """Return the special orbit on a branch near a guess, with `value` as its last unknown."""
-        return solved(lambda y: self.evaluate(self.family.of(y), y), guess, _STEPS).unknowns
+        """Return the special orbit on a branch near a guess, with `value` as its last unknown.
+
+        The derivative at the guess serves all steps, because each of its columns costs several evaluations.
+        """
+        first = self.evaluate(self.family.of(guess), guess)
+        return solved(
+            lambda y: self.evaluate(self.family.of(y), y, derivative=False), guess, _STEPS,
+            known=first, step=lambda _, now: direction(first.jacobian, -now.residual),
+        ).unknowns  # fmt: skip
 
     @staticmethod
     def _bend(now: Any, slope: Array, along: Array) -> float:
@@ -321,20 +328,6 @@ class Extended:
         """Return the orbit."""
         orbit: PeriodicOrbit = self.inner.orbit(problem, y[: -self.more], evaluation.orbit)
         return orbit
-
-    def at_phase(self, problem: Any, evaluation: ExtendedEvaluation, phase: float) -> Array:
-        """Return the state in unknowns at a phase of the loads."""
-        return np.asarray(self.inner.at_phase(problem, evaluation.orbit, phase))
-
-    # -- comparison with a flow -----------------------------------------------------------------------
-
-    def flow(self, problem: Any, y: Array) -> Any:
-        """Return the ordinary flow over one period of the orbit."""
-        return self.inner.flow(problem, y[: -self.more])
-
-    def first_touch(self, evaluation: ExtendedEvaluation, flow: Any) -> Any:
-        """Return the extreme at the first touch of a flow that is none of the signature's."""
-        return self.inner.first_touch(evaluation.orbit, flow)
 
     # -- other signatures -----------------------------------------------------------------------------
 

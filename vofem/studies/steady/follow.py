@@ -94,6 +94,8 @@ class Follower:
     _leaving_another: bool = field(default=False, init=False)
     _begun: int = field(default=0, init=False)
     _why: str = field(default="", init=False)
+    #: The point from which the end of touches was looked for last, and what was found.
+    _ahead: tuple[Point | None, Passage | None] = field(default=(None, None), init=False)
 
     def __post_init__(self) -> None:
         self._flows_counted = self.family.work.flows
@@ -221,9 +223,11 @@ class Follower:
         """Pass what no step reaches: a grazing at which several touches end, or touches that turn into a rest."""
         if not now.chart.segmented:
             return None
-        passed = None
-        with contextlib.suppress(ConvergenceError, np.linalg.LinAlgError):
-            passed = ending(self.family, now)
+        if self._ahead[0] is not now:
+            self._ahead = now, None
+            with contextlib.suppress(ConvergenceError, np.linalg.LinAlgError):
+                self._ahead = now, ending(self.family, now)
+        passed = self._ahead[1]
         if passed is None and step <= _RESTING:
             with contextlib.suppress(ConvergenceError, np.linalg.LinAlgError):
                 passed = resting(self.family, now, now.y + step * now.tangent * now.scales)

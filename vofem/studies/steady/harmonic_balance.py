@@ -126,7 +126,7 @@ class HarmonicEvaluation:
             return None
         away, known = float(np.linalg.norm(found.unknowns[:n] - guess[:n])), found.evaluation
         assert isinstance(known, SignatureEvaluation)
-        return known if away <= (_FAR * self.truncation.error + ROUNDING) * known.size else None
+        return known if away <= (_FAR * self.truncation.error + ROUNDING) * known.sizes[0] else None
 
     @cached_property
     def multipliers(self) -> Complex | None:

@@ -57,7 +57,9 @@ def solved(
         if now.error <= tolerance or not np.isfinite(now.error):
             break
         move = direction(now.jacobian, -now.residual) if step is None else step(x, now)
-        after, why = lowered(evaluate, x, move, now.error * (1.0 if k else growth), halvings)
+        # A part of a step that lowers rounding does so by chance.
+        parts = halvings if now.error > ROUNDING else 0
+        after, why = lowered(evaluate, x, move, now.error * (1.0 if k else growth), parts)
         if after is None:
             break
         x, now = after

@@ -242,7 +242,9 @@ class Shooting(OrbitProblem):
 
     def change_after(self, count: int, unknowns: Array, evaluation: Any) -> float:
         """Return by how much a solution changes in so many periods of the loads, over the size of the motion."""
-        return relative(evaluation.change_after(count * self.loads.period), evaluation.sizes)
+        chart = evaluation.chart
+        later = chart.at_phase(self, evaluation, chart.anchor + 2.0 * np.pi * count)
+        return relative(self.modal(later - evaluation.y[: self.size]), evaluation.sizes)
 
 
 def shooting_refusal(scene: Scene) -> str | None:

@@ -29,6 +29,7 @@ from vofem.integrators.event_driven.flow import Flow
 from vofem.integrators.event_driven.regime import Motion
 from vofem.laws.friction import UP
 from vofem.linalg.eigen import eigenvalues
+from vofem.studies.steady.newton import direction
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
 from vofem.studies.steady.shooting import Shooting, relative
 from vofem.system import CLOSED, PINNED
@@ -61,8 +62,8 @@ AT_ONCE = 1e-9
 #: Difference of phases, over the orbit, up to which a switch of a flow is one of the signature.
 _SAME = 1e-5
 
-#: Largest difference of both ends of an orbit under an ordinary run, over the size of the motion; where rounding of
-#: unknowns by a share of them grows to more, that, and the most that it may be.
+#: Largest difference of both ends of an orbit under an ordinary run, over the size of the motion. Where rounding of the
+#: unknowns, by a share of them, causes more, that is allowed, up to a limit.
 CLOSES, _DIGITS, _TOLD = 1e-8, 1e-15, 1e-6
 
 #: Length in rad of a touch that may be lost in rounding.
@@ -204,21 +205,10 @@ class SignatureEvaluation:
         norms = np.linalg.norm(self.problem.space.contacts[contacts], axis=-1)
         return np.maximum(norms * self.sizes[0], np.abs(laws.gap[contacts]))
 
-    def change_after(self, time: float) -> Array:
-        """Return by how much the modal state has changed after a time in s from the anchor on, shape (2n,)."""
-        chart, problem = self.chart, self.problem
-        later = chart.at_phase(problem, self, chart.anchor + time * problem.loads.omega)
-        return np.concatenate(problem.to_modes(later - self.y[: problem.size]))
-
     def repeats(self, flow: Flow) -> bool:
-        """Return whether a flow from the orbit's state takes the same switches and comes back; it gives `closing`.
-
-        Rounding grows along an orbit as other changes of its state do, so runs of very unstable ones come back worse.
-        """
+        """Return whether a flow from the orbit's state takes the same switches and comes back; it gives `closing`."""
         self.__dict__["closing"] = away = self._compared(flow)
-        if not self.chart.follows(self.problem, self.y, flow):
-            return False
-        return away <= CLOSES or away <= max(self.rounding, min(_DIGITS * self.growth, _TOLD))
+        return self.chart.follows(self.problem, self.y, flow) and (away <= CLOSES or away <= self.rounding)
 
     def _compared(self, flow: Flow) -> float:
         after = self.problem.to_unknowns(flow.displacement, flow.velocity)
@@ -242,22 +232,20 @@ class SignatureEvaluation:
         return np.asarray(matrix - closes[:, n:] @ np.linalg.solve(switches[:, n:], switches[:, :n]))
 
     @cached_property
-    def growth(self) -> float:
-        """Largest factor by which a change of the state, over the size of the motion, grows over the orbit."""
-        n = self.problem.size
-        closes, switches = self.jacobian[:n], self.jacobian[n:]
-        matrix = closes[:, :n] + np.eye(n)
-        if switches.size and not self.chart.smooth(self.problem):
-            matrix -= closes[:, n:] @ np.linalg.lstsq(switches[:, n:], switches[:, :n], rcond=None)[0]
-        scales = self.chart.scales(self.problem, self)[:n]
-        return float(np.linalg.norm(matrix * scales / scales[:, None], 2))
-
-    @property
     def rounding(self) -> float:
-        """Largest residual, over the size of the motion, that rounding of the unknowns may leave."""
-        n, change = self.problem.size, np.abs(self.jacobian) @ np.abs(self.y)
-        left = max(relative(change[:n], self.sizes), float(change[n:].max(initial=0.0)))
-        return min(_DIGITS * left, _TOLD) if np.isfinite(left) else 0.0
+        """Change over an orbit, over the size of the motion, that rounding of states and lengths may cause.
+
+        They change what the equations leave. A run moves its switches until theirs hold, and its end moves with them.
+        """
+        if not np.all(np.isfinite(self.jacobian)):
+            return 0.0
+        n = self.problem.size
+        left = _DIGITS * (np.abs(self.jacobian) @ np.abs(self.y))
+        closes, switches = left[:n], left[n:]
+        if switches.size and not self.chart.smooth(self.problem):
+            carried = direction(self.jacobian[n:, n:].T, self.jacobian[:n, n:].T)
+            closes = closes + np.abs(carried.T) @ switches
+        return min(max(relative(closes, self.sizes), float(switches.max(initial=0.0))), _TOLD)
 
     @cached_property
     def uncertainty(self) -> float:
@@ -289,11 +277,6 @@ class SignatureEvaluation:
         a, b = a[order], b[order]
         tiny = np.abs(b) <= 1e-15 * np.abs(a)
         return np.where(tiny, np.inf, a / np.where(tiny, 1.0, b))
-
-    @property
-    def size(self) -> float:
-        """Size of the displacements."""
-        return self.sizes[0]
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from vofem.studies.steady.between import Step, point_between
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.newton import solved
 from vofem.studies.steady.point import Point, corrected, derivative_by_value, level, point_at, scales_of
-from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Signature, Switch, signature_of
+from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Extreme, Signature, Switch, signature_of
 from vofem.system import CLOSED, OPEN, PINNED
 
 #: Error of an evaluation of a grazing: as small as rounding allows.
@@ -180,17 +180,18 @@ def _lowest(family: Family, now: Point, after: Point) -> float | None:
     slopes = np.array([a * chart.rates(p.tangent * p.scales) for p, a in zip((now, after), along, strict=True)])
     inside = [slice(p + 1, k + 1) for p, k in _spans(chart)]
     known = [(*ends[:, one].sum(axis=1), *slopes[:, one].sum(axis=1)) for one in inside]
-    earlier = now.evaluation.extremes
+    earlier, near = now.evaluation.extremes, list[tuple[Extreme, Extreme]]()
     for last in after.evaluation.extremes:
         same = [e for e in earlier if (e.contact, e.segment) == (last.contact, last.segment)]
         first = min(same, key=lambda e: abs(e.phase - last.phase), default=None)
-        if first is None or max(first.height, last.height) < -_REACH * step:
-            continue
-        slope = [
-            float(a * _away_along(family, p, Mark(e.contact, e.phase)) / p.evaluation.size_of(e.contact))
-            for p, a, e in zip((now, after), along, (first, last), strict=True)
-        ]
-        known.append((-first.height, -last.height, *slope))
+        if first is not None and max(first.height, last.height) >= -_REACH * step:
+            near.append((first, last))
+    if near:
+        rates = []
+        for point, factor, found in zip((now, after), along, zip(*near, strict=True), strict=True):
+            away = _away_along(family, point, [Mark(e.contact, e.phase) for e in found])
+            rates.append(factor * away / point.evaluation.size_of([e.contact for e in found]))
+        known += [(-e[0].height, -e[1].height, *both) for e, *both in zip(near, *rates, strict=True)]
     if not known:
         return None
     v0, v1, s0, s1 = np.array(known).T
@@ -415,7 +416,7 @@ def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple
     nearer = _watched(before)
     if any(not 0.0 < nearer[pair][0] < values[pair][0] for pair in pairs):
         before = now
-    if _away_along(family, outer, ended[0]) < 0.0:
+    if _away_along(family, outer, ended[:1])[0] < 0.0:
         outer = replace(outer, tangent=-outer.tangent)
     others = [mark for mark in every if mark not in ended]
     laws = {_law(now.problem, mark.contact) for mark in others}
@@ -625,12 +626,10 @@ def _alike(chart: Signature, one: float, other: float) -> bool:
 
 def _slope(family: Family, point: Point, values: Callable[[Any, Any, Array], Any]) -> Array:
     """Return the derivatives of values of problem, evaluation and coordinates along a branch, in scaled coordinates."""
-    found = []
-    for sign in (1.0, -1.0):
-        y = point.y + sign * _DIFFERENCE * point.tangent * point.scales
-        problem = family.of(y)
-        found.append(np.asarray(values(problem, point.chart.evaluate(problem, y[:-1], derivative=False), y[:-1])))
-    return np.asarray((found[0] - found[1]) / (2.0 * _DIFFERENCE))
+    y = point.y + _DIFFERENCE * point.tangent * point.scales
+    problem = family.of(y)
+    moved = values(problem, point.chart.evaluate(problem, y[:-1], derivative=False), y[:-1])
+    return (np.asarray(moved) - values(point.problem, point.evaluation, point.y[:-1])) / _DIFFERENCE
 
 
 def _turn(chart: Signature, phases: Array, contact: int, phase: float) -> int:
@@ -640,22 +639,26 @@ def _turn(chart: Signature, phases: Array, contact: int, phase: float) -> int:
     return min(mine, key=lambda k: abs(float(phases[k]) - phase))
 
 
-def _away_along(family: Family, point: Point, mark: Mark) -> float:
-    """Return by how much an orbit moves away, along its branch, from one in which something begins at a mark.
+def _away_along(family: Family, point: Point, marks: Sequence[Mark]) -> Array:
+    """Return by how much an orbit moves away, along its branch, from those in which something begins at marks.
 
-    That is the rate of the distance from a gap, or of the margin of a slider.
+    These are the rates of the distances from gaps, or of the margins of sliders.
     """
-    chart, (contact, phase) = point.chart, mark
+    chart = point.chart
 
-    def away(problem: Any, evaluation: Any, y: Array) -> float:
-        phases = chart.phases(y)
-        if _law(problem, contact) == "stick":
-            return chart.margins(problem, evaluation)[_turn(chart, phases, contact, phase)]
-        z, _ = problem.to_modes(chart.at_phase(problem, evaluation, phase))
-        above = float(problem.space.contacts[contact] @ z) - float(problem.system.contacts.gap[contact])
-        return above if chart.statuses[int(np.searchsorted(phases, phase))][contact] == CLOSED else -above
+    def away(problem: Any, evaluation: Any, y: Array) -> list[float]:
+        phases, found = chart.phases(y), []
+        for contact, phase in marks:
+            if _law(problem, contact) == "stick":
+                found.append(chart.margins(problem, evaluation)[_turn(chart, phases, contact, phase)])
+                continue
+            z, _ = problem.to_modes(chart.at_phase(problem, evaluation, phase))
+            above = float(problem.space.contacts[contact] @ z) - float(problem.system.contacts.gap[contact])
+            closed = chart.statuses[int(np.searchsorted(phases, phase))][contact] == CLOSED
+            found.append(above if closed else -above)
+        return found
 
-    return float(_slope(family, point, away))
+    return _slope(family, point, away)
 
 
 def _law(problem: Any, contact: int) -> str:
