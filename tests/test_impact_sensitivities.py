@@ -173,6 +173,47 @@ def test_bodies_that_come_to_rest_at_the_same_time_have_impulses_of_their_own() 
     np.testing.assert_allclose(both, np.kron(np.eye(2), alone), atol=1e-12 * np.abs(alone).max())
 
 
+def test_a_force_that_jumps_lets_go_of_what_rests_and_moves_its_release() -> None:
+    """Two masses move as one until one of them meets a contact whose force jumps, which parts them at once."""
+
+    def parted(stiffness: float) -> vf.Result:
+        left, right = (
+            vf.Mass(0.95, stiffness=27.0, damping=0.3, name="left"),
+            vf.Mass(0.87, stiffness=17.6, name="right"),
+        )
+        stop = vf.RigidStop(right, gap=0.068, restitution=0.4, side="above", name="stop")
+        jump = vf.Contact(
+            right, gap=0.059, stiffness=82.0, damping=1.0, side="below", acts_on="displacement", name="jump"
+        )
+        between = vf.RigidStop(left, right, gap=0.022, restitution=0.0, name="between")
+        load = vf.PointLoad(right, vf.Sine(4.0, 8.0))
+        effects = [vf.Spring(left, right, stiffness=stiffness), stop, jump, between, load]
+        return vf.simulate(
+            vf.Scene([left, right], effects), 0.8, method="event_driven", times=np.linspace(0.0, 0.8, 25)
+        )
+
+    result, step = parted(16.0), 1e-5
+    events = result.solution.events
+    closing = np.flatnonzero(events.contact == 1)[0]
+    assert events.contact[closing + 1] == 2
+    assert events.time[closing + 1] == events.time[closing]
+    found = vf.sensitivities(result, [vf.Parameter(result.scene.effects[0], "stiffness")])
+    above, below = parted(16.0 + step), parted(16.0 - step)
+    body = result.scene.bodies[0]
+    for mine, one, two in (
+        (found.displacement(body), *(each.displacement(each.scene.bodies[0]) for each in (above, below))),
+        (
+            found.contacts["between"].impacts.opening,
+            *(each.contacts["between"].impacts.opening for each in (above, below)),
+        ),
+    ):
+        expected = (one - two) / (2.0 * step)
+        np.testing.assert_allclose(mine[:, 0], expected, atol=1e-7 * np.abs(expected).max())
+    objective = vf.objectives.sum_of_squares(body, result.times, np.zeros(result.times.size))
+    gradient = vf.gradient(result, objective, found.parameters)
+    np.testing.assert_allclose(gradient, 2.0 * result.displacement(body) @ found.displacement(body), rtol=1e-10)
+
+
 def test_a_bouncing_ball_has_the_derivatives_of_its_closed_form() -> None:
     """Times t_n = t_0 (1 + 2 e (1 - e^n)/(1 - e)), up to their accumulation, by e, g's load and the height."""
     e, height, g, mass = 0.6, 0.5, 9.81, 1.3

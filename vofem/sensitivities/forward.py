@@ -96,8 +96,9 @@ class Meeting:
             return None
         if contact in self.passage.contacts:
             return self.passage.contacts.index(contact)
-        # An impact lets go of what rests elsewhere.
-        return None if self.impact is None else 0
+        # An impact, or another contact that has just switched, lets go of what rests elsewhere.
+        just = [j for j in self.passage.contacts if self.before[j] == self.after[j]]
+        return 0 if self.impact is not None or just else None
 
 
 class Explicit(NamedTuple):

@@ -30,7 +30,7 @@ from vofem.integrators.event_driven.regime import Regime, Regimes, drift_of, fla
 from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.event_driven.sensitivity import growth_along
 from vofem.integrators.event_driven.spectrum import Spectrum
-from vofem.integrators.event_driven.tangent import Passage, bounce, passage
+from vofem.integrators.event_driven.tangent import Passage, bounce, let_go, passage
 from vofem.integrators.observer import interruption
 from vofem.integrators.registry import advice
 from vofem.integrators.unclosed import never_closed, open_throughout
@@ -645,6 +645,11 @@ class EventSolution:
             return bounce(self.space, laws, j, (before, after), displacement, velocity, self.load(t))
         if np.array_equal(before, after):
             return None
+        numbers = record.events_after(index - 1) if index and t == record.starts[index] else range(0)
+        if numbers and not np.any((before != after) & (before != PINNED)):
+            j = int(record.buffers.event_contact[numbers[-1]])
+            if before[j] != PINNED:
+                return let_go(self.space, laws, j, (before, after), displacement, velocity, self.load(t))
         return passage(self.space, laws, before, after, displacement, velocity, self.load(t))
 
     @property

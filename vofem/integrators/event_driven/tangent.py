@@ -136,6 +136,19 @@ def bounce(
     return Passage([contact], row, rates, kick, [contact], row, share)
 
 
+def let_go(
+    space: ModalSpace, laws: ContactLaws, contact: int, statuses: tuple[Status, Status], displacement: Array,
+    velocity: Array, load: Array,
+) -> Passage:  # fmt: skip
+    """Return what a release does to changes that the switch of another contact causes at once; see `bounce`."""
+    row, none = space.contacts[[contact]], np.zeros((0, space.size))
+    rates = row @ velocity
+    first, later = (acceleration(space, laws, status, displacement, velocity, load) for status in statuses)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        kick = (later - first)[:, None] / rates
+    return Passage([contact], row, rates, kick, [], none, none.T)
+
+
 def acceleration(
     space: ModalSpace, laws: ContactLaws | None, status: Status, displacement: Array, velocity: Array, load: Array
 ) -> Array:
