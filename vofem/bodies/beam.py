@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vofem.bodies.axis import SUPPORTS, Axis, supported_nodes
-from vofem.bodies.base import Array, BodyMatrices, IntArray
+from vofem.bodies.base import Array, BodyMatrices
 from vofem.bodies.beam_matrices import beam_matrices, beam_strains, consistent_load
 from vofem.bodies.coefficient import Coefficient, positive_coefficient, project
 from vofem.bodies.kinds import Elements, Section, Supports
@@ -156,20 +156,6 @@ class Beam(Axis):
         return f"{self.label}: {self.element_lengths.size} elements, {held or 'free'}"
 
     # -- places -----------------------------------------------------------------------------------
-
-    def supported_at(self, where: Any) -> IntArray:
-        """Return the degrees of freedom that the support at a node holds.
-
-        Raises
-        ------
-        ArgumentError
-            If there is no support at that place.
-        """
-        node = self.node_at(where)
-        if node not in self.supports:
-            places = ", ".join(f"x = {self.nodes[k]:g}" for k in self.supports) or "none"
-            raise ArgumentError(f"Beam {self.name!r} has no support at {where!r}; its supports: {places}")
-        return 2 * node + np.array(SUPPORTS[self.supports[node]], dtype=np.int64)
 
     def along(self, path: Path) -> TravellingPoint:
         """Return a point that travels along the beam; loads, contacts and attachments take it in place of a point.

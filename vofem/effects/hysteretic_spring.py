@@ -18,7 +18,7 @@ from vofem.laws import Law, LinearLevel, PrintedLaw
 from vofem.laws.hysteretic import cyclic, jenkins
 from vofem.laws.softening_curve import checked_level, limit_load, tabulate
 from vofem.parameters import Choice, Kind, Numbers, OneOf, Real, declared, label_of, rule
-from vofem.parameters.place import Book, Place
+from vofem.parameters.kinds import Either
 
 
 @declared(frozen=True)
@@ -42,7 +42,7 @@ _LINEAR = OneOf(classes={"linear": LinearSoftening}, expected="{ linear = { span
 
 
 @dataclass(frozen=True)
-class SofteningKind(Kind):
+class SofteningKind(Either):
     """The softening of a spring: a `LinearSoftening`, or a callable of the force."""
 
     text: str = (
@@ -60,17 +60,9 @@ class SofteningKind(Kind):
             raise ArgumentError(f"{what} is {value!r}, expected a LinearSoftening or a callable of the force in N")
         return value
 
-    def read(self, value: Any, place: Place) -> Any:
-        """Return the object of a table."""
-        return _LINEAR.read(value, place)
-
-    def write(self, value: Any, book: Book) -> Any:
+    def forms(self) -> tuple[Kind | None, Kind | None, Kind | None]:
         """Return the table."""
-        return _LINEAR.write(value, book)
-
-    def described(self) -> dict[str, Any]:
-        """Return the table."""
-        return {**_LINEAR.described(), **super().described()}
+        return None, None, _LINEAR
 
 
 #: The parameters of a backbone that softens.

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import array, number, whole
+from vofem._validate import number, series, whole
 from vofem.arrays import Array
 from vofem.errors import ArgumentError, ConvergenceError
-from vofem.time_functions.base import TimeFunction, as_time_function
+from vofem.time_functions.base import TimeFunction, as_time_function, order_of
 from vofem.time_functions.moments import straight, wave
 from vofem.time_functions.piece import Piece
 
@@ -135,9 +135,7 @@ class Approximated(TimeFunction):
                 f"Approximated: tolerance is {self.tolerance:g}, expected 1e-13 or more: below is rounding"
             )
         max_pieces = whole("Approximated: max_pieces", max_pieces)
-        known = np.atleast_1d(array("Approximated: breaks", breaks)) if np.size(breaks) else np.empty(0)
-        if known.ndim != 1:
-            raise ArgumentError(f"Approximated: breaks has shape {known.shape}, expected a list of times")
+        known = series("Approximated: breaks", breaks) if np.size(breaks) else np.empty(0)
         starts, coefficients, error = self._cover(original, known, int(max_pieces))
         self._set("starts", starts)
         self._set("lengths", np.diff(np.append(starts, self.t_end)))
@@ -202,8 +200,7 @@ class Approximated(TimeFunction):
 
     def derivative(self, t: ArrayLike, order: int = 1) -> Array:
         """Return the exact derivative of the approximation; it loses an order of accuracy each time."""
-        if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order < 0:
-            raise ArgumentError(f"the order of a derivative is {order!r}, expected 0, 1, 2, ...")
+        order = order_of(order)
         index, tau = self._locate(t)
         c, length = self.coefficients[index], self.lengths[index]
         result = c[..., 0] + c[..., 1] * tau / length if order == 0 else np.zeros(np.shape(tau))

@@ -138,6 +138,10 @@ class TimeFunction(ABC):
 class PiecewiseStraight(TimeFunction):
     """A function that is a straight line between its breakpoints."""
 
+    def piece(self, t0: float) -> Piece:
+        """Return value and slope at t0."""
+        return Piece(constant=float(self(t0)), slope=float(self.derivative(t0)))
+
     def polynomials(self, t0: Array) -> Array | None:
         """Return values, slopes and zeros."""
         return np.stack([self(t0), self.derivative(t0), *np.zeros((2, t0.size))])
@@ -351,7 +355,7 @@ def inside(times: ArrayLike, t_end: float) -> Array:
 
 def order_of(order: int) -> int:
     """Return the order of a derivative, checked."""
-    if not isinstance(order, (int, np.integer)) or order < 0:
+    if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order < 0:
         raise ArgumentError(f"the order of a derivative is {order!r}, expected 0, 1, 2, ...")
     return int(order)
 
@@ -369,10 +373,6 @@ class Constant(PiecewiseStraight):
     def derivative(self, t: ArrayLike, order: int = 1) -> Array:
         """Return zero, or the value for order 0."""
         return np.full(np.shape(t), self.value if order_of(order) == 0 else 0.0)
-
-    def piece(self, t0: float) -> Piece:
-        """Return the constant."""
-        return Piece(constant=self.value)
 
 
 @dataclass(frozen=True)

@@ -112,10 +112,6 @@ class Ramp(PiecewiseStraight):
         """Return the corners."""
         return inside([self.start] if self.stop is None else [self.start, self.stop], t_end)
 
-    def piece(self, t0: float) -> Piece:
-        """Return value and slope at t0."""
-        return Piece(constant=float(self(t0)), slope=float(self.derivative(t0)))
-
 
 @declared(frozen=True)
 class Pulse(PiecewiseStraight):
@@ -137,7 +133,3 @@ class Pulse(PiecewiseStraight):
     def breakpoints(self, t_end: float) -> Array:
         """Return the two edges."""
         return inside([self.start, self.start + self.duration], t_end)
-
-    def piece(self, t0: float) -> Piece:
-        """Return the constant that holds from t0 on."""
-        return Piece(constant=float(self(t0)))

@@ -12,7 +12,6 @@ from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.parameters import Numbers, declared, rule
 from vofem.time_functions.base import PiecewiseStraight, inside, order_of
-from vofem.time_functions.piece import Piece
 
 
 @declared(frozen=True, eq=False)
@@ -74,7 +73,3 @@ class Tabulated(PiecewiseStraight):
         """Return the times of the table in (left, right)."""
         first, last = np.searchsorted(self.t, left, side="right"), np.searchsorted(self.t, right, side="left")
         return self.t[first:last]
-
-    def piece(self, t0: float) -> Piece:
-        """Return value and slope at t0."""
-        return Piece(constant=float(self(t0)), slope=float(self.derivative(t0)))
