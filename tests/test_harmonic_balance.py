@@ -225,6 +225,22 @@ def test_special_points_along_a_branch():
     assert orbit.multipliers == pytest.approx(doubled.multipliers, abs=1e-9)
 
 
+def test_two_folds_within_one_step():
+    """A soft stop bends the response so little that its folds are 7e-6 rad/s apart; exact orbits have none there."""
+
+    def build(omega):
+        stop = lambda mass: vf.Contact(mass, gap=1.0, stiffness=1.0, side="above", acts_on="penetration")  # noqa: E731
+        return oscillator(vf.Sine(0.02075362, omega), stop)[0]
+
+    ways = (0.95, 1.05), (1.05, 0.95)
+    up, down = (vf.continuation(build, *way, method="harmonic_balance", harmonics=3) for way in ways)
+    assert [one.kind for one in up.special] == [one.kind for one in down.special] == ["fold", "fold"]
+    values = [one.value for one in up.special]
+    assert [one.value for one in down.special[::-1]] == pytest.approx(values, abs=1e-8)
+    assert 0.0 < values[0] - values[1] < 1e-5
+    assert [len(branch.at(0.5 * sum(values))) for branch in (up, down)] == [3, 3]
+
+
 @pytest.mark.parametrize("harmonics", [8, 50])
 def test_multipliers_do_not_depend_on_the_number_of_harmonics(harmonics):
     """NLvib's example 03 is stable at 0.635 rad/s; perturbations of the motion of 8 harmonics itself would grow."""

@@ -152,6 +152,27 @@ def test_bodies_that_hit_stops_at_the_same_time_have_the_derivatives_of_one_alon
     assert not np.any(both.displacement(pair[1]))
 
 
+def test_bodies_that_come_to_rest_at_the_same_time_have_impulses_of_their_own() -> None:
+    """The impulse of each stop depends on its own body alone, as where there is one body only."""
+
+    def impulses(count: int) -> np.ndarray:
+        pair = [vf.Mass(1.0, stiffness=20.0, damping=0.3, name=f"mass {k}") for k in range(count)]
+        stops = [
+            vf.RigidStop(body, gap=0.1, restitution=0.0, side="above", name=f"stop {k}") for k, body in enumerate(pair)
+        ]
+        loads = [vf.PointLoad(body, vf.Sine(9.0, 4.0)) for body in pair]
+        result = vf.simulate(vf.Scene(pair, [*stops, *loads]), 0.5, method="event_driven", times=[0.0])
+        assert all(len(result.contacts[stop.name].pinned) == 1 for stop in stops)
+        parameters = [vf.Parameter(thing, field) for k in range(count) for thing, field in (
+            (stops[k], "gap"), (pair[k], "mass"), (loads[k], "f.amplitude")
+        )]  # fmt: skip
+        found = vf.sensitivities(result, parameters)
+        return np.stack([found.contacts[stop.name].impacts.impulse[0] for stop in stops])
+
+    alone, both = impulses(1)[0], impulses(2)
+    np.testing.assert_allclose(both, np.kron(np.eye(2), alone), atol=1e-12 * np.abs(alone).max())
+
+
 def test_a_bouncing_ball_has_the_derivatives_of_its_closed_form() -> None:
     """Times t_n = t_0 (1 + 2 e (1 - e^n)/(1 - e)), up to their accumulation, by e, g's load and the height."""
     e, height, g, mass = 0.6, 0.5, 9.81, 1.3

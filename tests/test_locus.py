@@ -154,6 +154,26 @@ def test_folds_by_harmonic_balance():
     assert found.values[-1] == pytest.approx((second.value, 0.32), abs=1e-10)
 
 
+def test_folds_meet_where_multipliers_are_not_known():
+    """The force of a spring that slips depends on the past, so only the equations tell where two folds vanish."""
+
+    def build(omega, amplitude):
+        mass = vf.Mass(1.0, stiffness=1.0, damping=0.04, name="mass")
+        cubic = vf.NonlinearSpring(mass, potential=lambda u: 0.25 * u**4, force=lambda u: u**3)
+        slip = vf.BilinearSpring(mass, stiffness=0.02, linear_limit=0.05)
+        return vf.Scene([mass], [cubic, slip, vf.PointLoad(mass, vf.Sine(amplitude, omega))])
+
+    fold = vf.continuation(lambda w: build(w, 0.0145), 1.03, 1.06, harmonics=1).special[0]
+    assert fold.kind == "fold"
+    assert fold.orbit.multipliers is None
+    found = vf.locus(build, fold, 0.0145, 0.01)
+    (cusp,) = found.special
+    assert cusp.kind == "cusp"
+    assert cusp.other == pytest.approx(found.values[:, 1].min(), abs=1e-6)
+    branch = vf.continuation(lambda w: build(w, cusp.other * (1.0 + 1e-4)), 1.03, 1.06, harmonics=1)
+    assert [one.kind for one in branch.special] == ["fold", "fold"]
+
+
 def test_a_locus_is_saved_loaded_and_drawn(between_flips, tmp_path):
     found = between_flips
     again = vf.load(found.save(tmp_path / "locus.h5"))

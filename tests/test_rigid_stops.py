@@ -321,3 +321,48 @@ def test_a_plastic_impact_lifts_a_body_off_the_stop_on_which_it_rests() -> None:
     np.testing.assert_allclose(result.contacts["hit"].pinned, [[0.1, 1.0]], atol=1e-15)
     assert result.energy.balance_error < 1e-14
     assert result.energy.dissipated[-1] == pytest.approx(1.0 / 3.0, rel=1e-13)
+
+
+def pushed_on(rigid: bool) -> vf.Result:
+    """Return the run of a body that rests against something at 1 m, which a ball hits without restitution."""
+    body, ball = vf.Mass(1.0, name="body"), vf.Mass(2.0, name="ball")
+    under: vf.RigidStop | vf.Contact = vf.RigidStop(body, gap=1.0, restitution=0.0, side="above", name="under")
+    if not rigid:
+        under = vf.Contact(body, gap=1.0, stiffness=3.0, side="above", acts_on="displacement", name="under")
+    between = vf.RigidStop(ball, body, gap=0.1, restitution=0.0, name="between")
+    push = vf.PointLoad(ball, vf.Constant(0.5), name="push")
+    effects = [under, between, vf.PointLoad(body, vf.Constant(1.0)), push]
+    scene = vf.Scene([body, ball], effects, {body: (1.0 if rigid else 1.0 - 1e-9, 0.0), ball: (0.9, 0.3)})
+    return vf.simulate(scene, 1.5, method="event_driven", times=np.linspace(0.0, 1.5, 31))
+
+
+def test_a_contact_that_rests_at_its_gap_yields_to_a_plastic_impact() -> None:
+    """Its force is finite: after the impact both masses are on its spring, with the momentum that they have."""
+    result = pushed_on(rigid=False)
+    meeting = (np.sqrt(0.3**2 + 0.5 * 0.2) - 0.3) / 0.25
+    speed = 2.0 * (0.3 + 0.25 * meeting) / 3.0
+    tau = np.maximum(result.times - meeting, 0.0)
+    # 3 u'' + 3 u = 1.5, from u = 1.
+    expected = 0.5 + 0.5 * np.cos(tau) + speed * np.sin(tau)
+    np.testing.assert_allclose(
+        result.displacement(result.scene.bodies[0]), np.where(tau > 0.0, expected, 1.0), atol=2e-9
+    )
+    # The body comes to rest at its gap after 1e-9 m under 1 N.
+    lost = 1e-9 + 0.5 * 2.0 * (1.5 * speed) ** 2 - 0.5 * 3.0 * speed**2
+    assert result.energy.dissipated[-1] == pytest.approx(lost, rel=1e-12)
+
+
+def test_a_stop_at_which_a_body_rests_holds_it_in_a_plastic_impact() -> None:
+    """All momentum goes into that stop: 1.5 N for 1.5 s, and 0.6 N s of the ball; the impulse between both is less."""
+    result = pushed_on(rigid=True)
+    under, between = (result.contacts[name].impacts for name in ("under", "between"))
+    assert not np.any(result.velocity(result.scene.bodies[0]))
+    assert under.impulse == pytest.approx([1.5 * 1.5 + 0.6], rel=1e-13)
+    assert between.impulse == pytest.approx([0.5 * 1.5 + 0.6], rel=1e-13)
+    assert np.isinf(under.peak_force).all()
+    assert result.contacts["under"].statistics().impulse == pytest.approx(2.85, rel=1e-13)
+    assert under.absorbed == pytest.approx([0.0], abs=1e-14)
+    # By the load on the ball and by its mass: 1.5 s and 0.3 m/s.
+    found = vf.sensitivities(result, [vf.Parameter("push", "f.value"), vf.Parameter("ball", "mass")])
+    for name in ("under", "between"):
+        np.testing.assert_allclose(found.contacts[name].impacts.impulse, [[1.5, 0.3]], atol=1e-13)

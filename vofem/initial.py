@@ -66,7 +66,8 @@ class Initial:
         self._bodies = tuple(bodies)
         if given is not None and not hasattr(given, "state_of") and not isinstance(given, Mapping):
             raise ArgumentError(
-                f"{what} is {given!r}, expected a dict {{body: (displacement, velocity)}}, an Equilibrium or a Result"
+                f"{what} is {given!r}, expected a dict {{body: (displacement, velocity)}}, an "
+                "Equilibrium, a Result or a PeriodicOrbit"
             )
         self.given: Any = state_alone(given)
         if isinstance(given, Mapping):
@@ -75,7 +76,7 @@ class Initial:
                 if not hasattr(value, "state_of") and not (isinstance(value, (tuple, list)) and len(value) == 2):
                     raise ArgumentError(
                         f"{what} of {body.label} is {value!r}, expected a pair (displacement, velocity), "
-                        "an Equilibrium or a Result"
+                        "an Equilibrium, a Result or a PeriodicOrbit"
                     )
 
     def _own(self, body: Any, by_name: bool) -> Body:

@@ -251,7 +251,8 @@ class ImpactRecord:
             if self._bounces is not None:
                 of, times, bounces = self._bounces
                 # The force of an impact on a rigid stop has no bound. The last one of many that accumulate is nothing.
-                hard = (bounces.departure > 0.0) | (self._laws.restitution[self._index] == 0.0)
+                struck = self._run.solution.events.contact[bounces.event]
+                hard = (bounces.departure > 0.0) | (self._laws.restitution[struck] == 0.0)
                 peak[of[hard]], peak_time[of[hard]] = np.inf, times[hard]
                 for total, more in zip(
                     (impulse, work, absorbed), (bounces.impulse, bounces.pressed, bounces.lost), strict=True

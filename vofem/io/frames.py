@@ -23,7 +23,7 @@ from vofem.bodies.cubics import hermite, rows_on_elements
 from vofem.bodies.path import TravellingPoint
 from vofem.effects import Joint
 from vofem.errors import ArgumentError
-from vofem.io.pictures.places import all_contacts
+from vofem.io.pictures.places import all_contacts, linked
 from vofem.result import Result
 from vofem.scene import Scene
 
@@ -219,24 +219,14 @@ def _placed(scene: Scene, magnification: float) -> tuple[float, dict[Body, Array
     pairs = [effect for effect in scene.effects if len(effect.points()) == 2]
     # Joints first: what is tied stands where it is tied.
     pairs.sort(key=lambda effect: not isinstance(effect, Joint))
-    placed: set[Body] = set()
-    for root in scene.bodies:
-        if root in placed:
+    points = [effect.points() for effect in pairs]
+    for body, here, there, k in linked(scene.bodies, points):
+        if here is None:
             continue
-        placed.add(root)
-        found = [root]
-        for body in found:
-            for effect in pairs:
-                a, b = effect.points()
-                gap = magnification * _gap(effect)
-                for here, there, up in ((a, b, gap), (b, a, -gap)):
-                    if here.body is body and there.body not in placed:
-                        along = origins[body][0] + here.x - there.x
-                        origins[there.body][:2] = along, origins[body][1] + up
-                        if isinstance(effect, Joint):
-                            origins[there.body][2] = origins[body][2]
-                        placed.add(there.body)
-                        found.append(there.body)
+        before, up = origins[here.body], magnification * _gap(pairs[k])
+        origins[body][:2] = before[0] + here.x - there.x, before[1] + (up if there is points[k][1] else -up)
+        if isinstance(pairs[k], Joint):
+            origins[body][2] = before[2]
     return size, origins
 
 

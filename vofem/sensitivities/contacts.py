@@ -153,8 +153,7 @@ class ContactSensitivities:
             # The force of an impact has no bound.
             parts[2:4, i] = np.nan
             for k in range(int(begins[i]), int(ends[i]) if i < ends.size else events.time.size):
-                if k in forward.impulses and events.contact[k] == self._index:
-                    parts[4, i] += forward.impulses[k]
+                parts[4, i] += forward.impulses.get((k, self._index), 0.0)
         return ImpactSensitivities(*parts)
 
     def _impulse(self, begin: float, end: float) -> Array:

@@ -107,7 +107,7 @@ class Explicit(NamedTuple):
     slow: Array
     meets: Array
     velocity: Array  #: Derivatives of the velocity after an impact, shape (n, p).
-    impulse: Array  #: Derivatives of its impulse, shape (p,).
+    impulse: Array  #: Derivatives of its impulses, shape (k, p).
 
 
 @dataclass
@@ -130,8 +130,8 @@ class Forward:
         self._forces: dict[int, tuple[Forcing, Forcing]] = {}
         self._pieces: dict[int, Closed | Block] = {}
         self.meetings: dict[int, Meeting] = {}
-        #: Derivatives of the impulses of impacts on rigid stops, shape (p,), by the number of the event.
-        self.impulses: dict[int, Array] = {}
+        #: Derivatives of the impulses of rigid stops, shape (p,), by the numbers of event and stop.
+        self.impulses: dict[tuple[int, int], Array] = {}
         self.final = self._propagate()
 
     # -- pieces of the run ------------------------------------------------------------------------
@@ -294,8 +294,11 @@ class Forward:
             displacement, velocity = self._split(meeting.state)
             load = self.solution.load(float(self.events.time[first]))
             push = acceleration(self.solution.space, self.modal.laws, meeting.before, displacement, velocity, load)
-            there = v + np.outer(push, self.event_times[first])
-            self.impulses[first] = meeting.impact.impulses(there)[0] + explicit.impulse
+            own = {int(self.events.contact[number]): number for number in reversed(meeting.numbers)}
+            for k, j in enumerate(meeting.impact.contacts):
+                number = own.get(j, first)
+                there = v + np.outer(push, self.event_times[number])
+                self.impulses[number, j] = meeting.impact.impulses(there)[k] + explicit.impulse[k]
         z, v = passage.passed(z, v, off=explicit.off, slow=explicit.slow, meets=explicit.meets)
         return z, v + explicit.velocity
 
@@ -304,18 +307,18 @@ class Forward:
         n, p, passage = self.modal.size, len(self.changes), meeting.passage
         if passage is None:
             none = np.zeros((0, p))
-            return Explicit(none, none, none, np.zeros((n, p)), np.zeros(p))
+            return Explicit(none, none, none, np.zeros((n, p)), none)
         displacement, velocity = self._split(meeting.state)
         off, meets = (
             np.array([self.gap_changes(j, displacement) for j in contacts]).reshape(-1, p)
             for contacts in (passage.restrained, passage.contacts)
         )
-        slow, turned, impulse = np.zeros_like(off), np.zeros((n, p)), np.zeros(p)
+        slow, turned = np.zeros_like(off), np.zeros((n, p))
+        impulse = np.zeros((0 if meeting.impact is None else len(meeting.impact.contacts), p))
         stopped = velocity - passage.share @ (passage.held @ velocity)
         for k, change in enumerate(self.changes):
             if meeting.impact is not None:
-                turned[:, k], own = meeting.impact.by(change)
-                impulse[k] = own[0]
+                turned[:, k], impulse[:, k] = meeting.impact.by(change)
             elif change.contacts is not None:
                 slow[:, k] = change.contacts[passage.restrained] @ stopped
         return Explicit(off, slow, meets, turned, impulse)

@@ -85,7 +85,7 @@ def simulate(
         Whether the numerical kernels run as machine code (True) or as plain Python (False). Results agree to rounding.
         Without it, a run begins in plain Python. If it lasts for some seconds, it begins anew with machine code, which
         takes up to a minute to compile once on a machine. `Result.compiled` says what was taken. Give it if two
-        processes must return the same bits.
+        processes must return the same bits, and the same number of BLAS threads above 400 unknowns.
     **options
         Options of the method. For event_driven: ``max_events`` (default 1e6), the largest number of events;
         ``pin_fraction`` (1e-7), the fraction of the gap below which chatter counts as rest; ``truncation`` (1e-6 above

@@ -19,6 +19,9 @@ from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Events
 
 Integers = NDArray[np.int64]
 
+#: Share of the largest impulse at a time below which an impulse is rounding.
+_NOTHING = 1e-12
+
 #: Speed of approach, over the largest one of the stop, below which the body comes to rest at the stop.
 REST = 1e-9
 
@@ -28,7 +31,7 @@ class Bounces(NamedTuple):
 
     event: Integers  #: Number of the event among those of the run, shape (k,).
     segment: Integers  #: Number of the segment that begins with the impact, shape (k,).
-    contact: Integers  #: Shape (k,).
+    contact: Integers  #: The stop, or one at which something rests and that is pressed on by the impact, shape (k,).
     #: `approach`, `departure`: speeds before and after, m/s, shape (k,).
     approach: Array
     departure: Array
@@ -48,18 +51,30 @@ def bounces_of(laws: ContactLaws, rows: Array, record: Record, events: Events) -
     mine = np.flatnonzero(laws.rigid[events.contact] & (events.status != OPEN))
     # The segment that an impact begins; the one before a bounce holds the state before it.
     segment = np.searchsorted(record.logged, mine, side="right")
-    values = np.zeros((5, mine.size))
-    for k, (number, j) in enumerate(zip(mine.tolist(), events.contact[mine].tolist(), strict=True)):
-        index = int(segment[k])
+    found: list[tuple[float, ...]] = []
+    # Stops that are counted with another event, by the segments that impacts begin.
+    entered: dict[int, set[int]] = {index: set() for index in segment.tolist()}
+    for j, index in zip(events.contact[mine].tolist(), segment.tolist(), strict=True):
+        entered[index].add(j)
+    for number, j, index in zip(mine.tolist(), events.contact[mine].tolist(), segment.tolist(), strict=True):
         if events.status[number] == CLOSED:
             e, inverse, speed = laws.restitution[j], rows[j] @ rows[j], rows[j] @ record.state(index - 1)[1]
             pressed = 0.5 * speed**2 / inverse
-            values[:, k] = speed, e * speed, (1.0 + e) * speed / inverse, pressed, (1.0 - e**2) * pressed
+            lost = (1.0 - e**2) * pressed
+            found.append((number, index, j, speed, e * speed, (1.0 + e) * speed / inverse, pressed, lost))
         elif index < record.segments and record.status(index)[j] == PINNED:
             # It was not let go at the same time.
             held = np.flatnonzero(record.status(index) == PINNED)
             speeds = np.where(held < events.initial.size, rows[held] @ record.state(index)[1], 0.0)
-            own = int(np.flatnonzero(held == j)[0])
-            speed, impulse = speeds[own], np.linalg.solve(rows[held] @ rows[held].T, speeds)[own]
-            values[:, k] = speed, 0.0, impulse, 0.5 * speed * impulse, 0.5 * speed * impulse
-    return Bounces(mine, segment, events.contact[mine], *values)
+            impulses = np.linalg.solve(rows[held] @ rows[held].T, speeds)
+            least = _NOTHING * np.abs(impulses).max()
+            for k, speed, impulse in zip(held.tolist(), speeds.tolist(), impulses.tolist(), strict=True):
+                lost = 0.5 * speed * impulse
+                if k == j:
+                    found.append((number, index, j, speed, 0.0, impulse, lost, lost))
+                elif laws.restitution[j] == 0.0 and laws.rigid[k] and k not in entered[index] and abs(impulse) > least:
+                    # What rests there already is held by its stop.
+                    found.append((number, index, k, 0.0, 0.0, impulse, 0.0, 0.0))
+            entered[index].update(held.tolist())
+    columns = np.array(found).reshape(-1, 8).T
+    return Bounces(*columns[:3].astype(np.int64), *columns[3:])

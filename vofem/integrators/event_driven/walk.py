@@ -271,7 +271,9 @@ class Walker:
                 f"more than {_MOST_AT_ONCE} impacts at t = {self.time:.6g} s: bodies are caught between rigid stops "
                 f"such as {laws.labels[int(np.argmax(touching))]}"
             )
-        speed = rows @ self.velocity
+        # What comes to rest at a rigid stop stops at once, and forces of finite size cannot hold anything else then.
+        held = rows[laws.rigid & (self.status == PINNED)]
+        speed = rows @ (self.velocity - np.linalg.pinv(held) @ (held @ self.velocity))
         chattering = (self.status == PINNED) & laws.jump & (np.abs(speed) > zero)
         for j in np.flatnonzero(chattering).tolist():
             self._change(j, CLOSED if speed[j] > 0.0 else OPEN)

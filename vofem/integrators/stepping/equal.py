@@ -93,8 +93,7 @@ class EqualSteps(Run):
         done = min(self.done, self.steps_in_all - scheme.mean)
         self.count(done, done + (scheme.explicit and self.finished))
         if solves < 0:
-            t_lost = (first + self.taken) * dt
-            raise self.lost(f"found no solution of the step from t = {t_lost:g} s at dt = {dt:g} s", "reduce dt")
+            raise self.lost((first + self.taken) * dt)
 
     def _nodal(self, first: int, count: int) -> Array:
         """Return what stands for the loads' values at the ends of steps, shape (2 n_loads, count + 1)."""

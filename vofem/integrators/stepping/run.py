@@ -441,12 +441,15 @@ class Run:
             cure = f"{smaller}, or choose {advice(exact=True)}, or {advice(conserves=True)} where that does not apply"
         return InstabilityError(f"{self.method.name} blew up before t = {self.reached():g} s: energy {energy}; {cure}")
 
-    def lost(self, what: str, cure: str) -> ConvergenceError:
-        """Return the error of a step without a solution."""
-        blown = "" if self.method.conserves else ", or the state has blown up"
-        return ConvergenceError(
-            f"{self.method.name} {what}; a nonlinear spring that softens may leave none{blown}: {cure}"
-        )
+    def lost(self, t: float) -> ConvergenceError:
+        """Return the error of a step from a time in s that has no solution."""
+        laws = "a nonlinear spring that softens, or friction under the force of a contact that it moves, may leave none"
+        if self.dt is None:
+            step, cure = ", however small", laws
+        else:
+            blown = "" if self.method.conserves else " The state may have blown up, which smaller steps prevent."
+            step, cure = f" at dt = {self.dt:g} s", f"reduce dt.{blown} If it ends there at every dt, {laws}"
+        return ConvergenceError(f"{self.method.name} found no solution of the step from t = {t:g} s{step}: {cure}")
 
     # -- records ----------------------------------------------------------------------------------------
 

@@ -139,10 +139,7 @@ class StepDoubling(StepSizeControl, Run):
             held = None if self.sliders is None else (self.sliders.now, len(self.sliders.turns))
             tried = self.attempt(t, dt)
             if tried.solves < 0 and self.at_smallest:
-                raise ConvergenceError(
-                    f"{self.method.name} found no solution of the step from t = {t:g} s, however small; "
-                    "a nonlinear spring that softens may leave none"
-                )
+                raise self.lost(t)
             if self.accepts(tried.ratio):
                 break
             self.counters.rejected += 1

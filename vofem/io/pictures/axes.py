@@ -64,6 +64,7 @@ def figure(draw: F) -> F:
     """
     names = list(inspect.signature(draw).parameters)
     subject, place = names[0], names.index("path")
+    hint = get_type_hints(draw)[subject]
     expected = re.search(rf"^ *{subject} : (.*)$", draw.__doc__ or "", re.MULTILINE)
     assert expected is not None
 
@@ -71,7 +72,7 @@ def figure(draw: F) -> F:
     def drawn(*given: Any, **named: Any) -> Any:
         goal_of(named.get("path", given[place] if len(given) > place else None))
         thing = given[0] if given else named.get(subject)
-        if not _fits(thing, get_type_hints(draw)[subject]):
+        if not _fits(thing, hint):
             raise wrong(f"{draw.__name__}: {subject}", repr(thing), expected[1])
         return draw(*given, **named).done()
 

@@ -15,7 +15,7 @@ import numpy as np
 from vofem.arrays import Array
 from vofem.bodies.base import Body, Point
 from vofem.errors import ArgumentError
-from vofem.io.pictures.places import is_line
+from vofem.io.pictures.places import is_line, linked
 from vofem.io.pictures.snapshot import BodyState, Link, Snapshot
 from vofem.io.pictures.units import nice_below
 
@@ -217,20 +217,12 @@ def _shifts(view: Snapshot) -> dict[Body, float]:
     # Joints come first: bodies that are tied are drawn where they are tied.
     pairs = [(joint.a, joint.b) for joint in view.joints]
     pairs += [(link.a, link.b) for link in view.links if link.b is not None]
+    # A mass that is not connected with a beam is drawn in the middle.
+    middle = 0.5 * float(first.shape.x[0] + first.shape.x[-1])
     shifts: dict[Body, float] = {}
-    for root in roots:
-        if root in shifts:
-            continue
-        # A mass that is not connected with a beam is drawn in the middle.
-        middle = 0.5 * float(first.shape.x[0] + first.shape.x[-1])
-        shifts[root] = 0.0 if is_line(root) else middle
-        found = [root]
-        for body in found:
-            for a, b in pairs:
-                for x, y in ((a, b), (b, a)):
-                    if x.body is body and y.body not in shifts:
-                        shifts[y.body] = shifts[body] + x.x - y.x
-                        found.append(y.body)
+    for body, here, there, _ in linked(roots, pairs):
+        alone = 0.0 if is_line(body) else middle
+        shifts[body] = alone if here is None else shifts[here.body] + here.x - there.x
     return shifts
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 from vofem._validate import name_of
 from vofem.bodies.base import Body
@@ -15,6 +16,28 @@ from vofem.scene import Scene
 def is_line(body: Body) -> bool:
     """Return whether a body is drawn as a line, not as a block."""
     return body.shape.kind == "line"
+
+
+def linked(roots: Iterable[Body], pairs: Sequence[tuple[Any, ...]]) -> Iterator[tuple[Body, Any, Any, int]]:
+    """Yield every body once, those that pairs of points link with a root directly after it.
+
+    With a body come the point of an earlier body from which it is reached, its own point, and the number of the pair;
+    with a root None, None and 0.
+    """
+    found: set[Body] = set()
+    for root in roots:
+        if root in found:
+            continue
+        found.add(root)
+        yield root, None, None, 0
+        queue = [root]
+        for body in queue:
+            for k, pair in enumerate(pairs):
+                for here, there in (pair, pair[::-1]):
+                    if here.body is body and there.body not in found:
+                        found.add(there.body)
+                        queue.append(there.body)
+                        yield there.body, here, there, k
 
 
 class Place(NamedTuple):

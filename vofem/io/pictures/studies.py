@@ -12,6 +12,7 @@ from vofem._validate import choice
 from vofem.errors import ArgumentError
 from vofem.fitting import Fit
 from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, figure, ink, legend, plain, single, stroke, text_size
+from vofem.io.pictures.steady import MARKS
 from vofem.io.scene_file import point_named
 from vofem.studies.diagrams import Basins, BifurcationDiagram, StabilityMap
 from vofem.studies.steady import Branch
@@ -19,9 +20,6 @@ from vofem.studies.sweep import Sweep
 
 #: How the samples of each start are named in a legend.
 _STARTS = {"rest": "from the initial state", "up": "along rising values", "down": "along falling values"}
-
-#: Marks of special points; the others are squares.
-_MARKS = {"grazing": "v", "fold": "o", "period_doubling": "D"}
 
 #: Size of the points of a diagram of one value, in points; of many values it is divided among them.
 _AREA = 240.0
@@ -81,11 +79,9 @@ def bifurcation(
         for special in branch.special:
             position = _positions(special.orbit, branch.periods, diagram, point)
             values = np.full(position.shape, special.value)
-            name = special.kind.replace("_", " ")
+            mark, _, name = MARKS[special.kind]
             once = None if name in named else name
-            axes.plot(
-                values, position, _MARKS.get(special.kind, "s"), color=ink(), mfc="white", markersize=6, label=once
-            )
+            axes.plot(values, position, mark, color=ink(), mfc="white", markersize=6, linestyle="none", label=once)
             named.add(name)
     axes.set(xlabel=plain(label), ylabel="displacement once a period [m]")
     if ylim is not None:

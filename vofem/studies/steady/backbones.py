@@ -162,10 +162,14 @@ def _mode_number(space: ModalSpace, mode: int, system: System) -> int:
 
 
 class _Search:
-    """Finds free oscillations of a system, or of a large one in a few vectors.
+    """Finds free oscillations of a system, or of a large one in a few vectors; a family of them over their level.
 
+    `interval`: the levels along which they are followed.
     `dof`: number of the degree of freedom whose displacement at rest is the level of an oscillation; -1 for its energy.
     """
+
+    what: ClassVar[str] = "backbone"
+    interval: Interval
 
     def __init__(self, system: System, work: Work, few: Condensed | None = None, dof: int = -1) -> None:
         self.system, self.work, self.few, self.dof = system, work, few, dof
@@ -292,7 +296,8 @@ class _Search:
         now = track[-1][1]
         towards = now - track[-2][1] if len(track) > 1 else now * np.append(np.ones(self.space.size), 0.0)
         scales = np.append(np.full(now.size - 1, np.linalg.norm(now[:-1])), now[-1])
-        family: Any = _Levels(self, Interval(0.0, level))
+        family: Any = self
+        self.interval = Interval(0.0, level)
         walker = Quiet(family, most=most, noun="backbone")
         here = self.level(now[:-1])[0]
         first = point_at(family, ORIGIN, np.append(now, here), np.append(towards / scales, 0.0))
@@ -307,27 +312,9 @@ class _Search:
         """Return the oscillation at a level near a guess: displacement at rest and half the period, shape (n + 1,)."""
         return solved(_AtLevel(self, level).evaluate, guess, _STEPS, tolerance=_TOLERANCE).unknowns
 
-    def speeds(self, y: Array) -> tuple[Array, Array]:
-        """Return the modal velocities after half a period over the speed of the motion, and their derivative.
-
-        `y` (shape (n + 1,)): modal displacement at rest, and half the period in s.
-        Returns an array of shape (n,).
-        """
-        n = self.space.size
-        if not np.all(np.isfinite(y)) or y[-1] <= 0.0:
-            raise ConvergenceError("the iteration diverged: half the period is not positive")
-        begin = np.zeros((2 * n, n))
-        begin[:n] = np.eye(n)
-        start = Start(0.0, y[:n], np.zeros(n))
-        self.work.flows += 1
-        try:
-            one = flow(self.system, start, float(y[-1]), derivative=begin, counters=self.work.runs)
-        except EventStormError as error:
-            raise ConvergenceError(str(error)) from error
-        assert one.monodromy is not None
-        _, speed = one.sizes
-        slopes = np.concatenate([one.monodromy[n:], one.rate[n:, None]], axis=1) / speed
-        return one.velocity / speed, slopes
+    def of(self, y: Array) -> _AtLevel:
+        """Return the equations at the level of a point, which is the last of its coordinates."""
+        return _AtLevel(self, float(y[-1]))
 
     def orbit(self, scene: Scene, rest: Array) -> PeriodicOrbit:
         """Return the orbit of an oscillation, from rest at the side that is farther from the stops."""
@@ -360,7 +347,7 @@ class _Evaluation:
     residual: Array
     jacobian: Array  #: Shape (n + 1, n + 1).
     scales: Array  #: Shape (n + 1,).
-    multipliers: None = None
+    multipliers: ClassVar[None] = None
 
     @property
     def error(self) -> float:
@@ -377,32 +364,31 @@ class _AtLevel:
 
     @property
     def size(self) -> int:
+        """Number of unknowns."""
         return self.search.space.size + 1
 
     def evaluate(self, unknowns: Array, *, derivative: bool = True) -> _Evaluation:
-        speeds, slopes = self.search.speeds(unknowns)
-        value, slope = self.search.level(unknowns[:-1])
+        """Return the equations at a modal displacement at rest and half the period in s, shape (n + 1,)."""
+        search, z, half, n = self.search, unknowns[:-1], float(unknowns[-1]), unknowns.size - 1
+        if not np.all(np.isfinite(unknowns)) or half <= 0.0:
+            raise ConvergenceError("the iteration diverged: half the period is not positive")
+        search.work.flows += 1
+        try:
+            one = flow(
+                search.system, Start(0.0, z, np.zeros(n)), half,
+                derivative=np.eye(2 * n, n), counters=search.work.runs,
+            )  # fmt: skip
+        except EventStormError as error:
+            raise ConvergenceError(str(error)) from error
+        assert one.monodromy is not None
+        _, speed = one.sizes
+        value, slope = search.level(z)
         if not value > 0.0:
             raise ConvergenceError("the oscillation has vanished")
+        slopes = np.concatenate([one.monodromy[n:], one.rate[n:, None]], axis=1) / speed
         jacobian = np.concatenate([slopes, np.append(slope * self.level / value**2, 0.0)[None, :]])
-        scales = np.append(np.full(unknowns.size - 1, np.linalg.norm(unknowns[:-1])), unknowns[-1])
-        return _Evaluation(np.append(speeds, 1.0 - self.level / value), jacobian, scales)
-
-
-@dataclass(frozen=True)
-class _Levels:
-    """The free oscillations over the level, as a family."""
-
-    search: _Search
-    interval: Interval
-    what: ClassVar[str] = "backbone"
-
-    @property
-    def work(self) -> Work:
-        return self.search.work
-
-    def of(self, y: Array) -> _AtLevel:
-        return _AtLevel(self.search, float(y[-1]))
+        residual = np.append(one.velocity / speed, 1.0 - self.level / value)
+        return _Evaluation(residual, jacobian, np.append(np.full(n, np.linalg.norm(z)), half))
 
 
 def _not_reached(points: list[Point], what: str, level: float, why: str) -> ConvergenceError:

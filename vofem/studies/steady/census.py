@@ -70,11 +70,11 @@ def counts_of(values: Complex) -> Census:
 def logarithms(point: Point) -> Complex:
     """Return the logarithms of the multipliers; their real parts vanish on the unit circle, and are bounded below.
 
-    Where multipliers are not known, the only entry is the rate of the parameter, which vanishes where a branch turns.
+    There are none where multipliers are not known.
     """
     values = point.evaluation.multipliers
     if values is None:
-        return np.array([turning(point)], dtype=complex)
+        return np.zeros(0, dtype=complex)
     sizes = np.abs(values)
     return np.where(sizes > _FADED, np.log(np.maximum(sizes, _FADED)) + 1j * np.angle(values), np.log(_FADED))
 

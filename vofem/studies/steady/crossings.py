@@ -229,10 +229,26 @@ def _cut(family: Family, low: _End, high: _End) -> list[_End]:
 
 
 def _doubtful(known: list[_End], low: _End, high: _End) -> bool:
-    """Return whether multipliers may cross the unit circle and come back within a part.
+    """Return whether multipliers may cross the unit circle, or the branch may turn, and come back within a part."""
+    if _may_return(known, low, high):
+        return True
+    # By harmonic balance a branch turns beside the orbit whose multiplier is 1, which is one of shooting.
+    return not low.point.chart.segmented and _may_return(
+        [_by_rate(end) for end in known], _by_rate(low), _by_rate(high)
+    )
 
-    How far their logarithms are from the chord in the middle of the part is estimated by second divided differences
-    with the next orbits that are known on both sides of the part.
+
+def _by_rate(end: _End) -> _End:
+    """Return an end that is watched by the rate of the parameter; it vanishes where the branch turns."""
+    rate = turning(end.point)
+    return replace(end, logarithms=np.array([rate if abs(rate) > _ON_CIRCLE else 0.0], dtype=complex))
+
+
+def _may_return(known: list[_End], low: _End, high: _End) -> bool:
+    """Return whether what is watched may cross the unit circle and come back within a part.
+
+    How far logarithms are from the chord in the middle of the part is estimated by second divided differences with the
+    next orbits that are known on both sides of the part.
     """
     known = [one for one in known if one.logarithms.size == low.logarithms.size]
     if low.logarithms.size != high.logarithms.size:

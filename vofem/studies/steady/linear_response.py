@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from vofem._validate import array, choice
 from vofem.arrays import Array, Complex
 from vofem.blas import one_thread
-from vofem.errors import ArgumentError, MethodError
+from vofem.errors import ArgumentError, MethodError, SingularSystemError
 from vofem.lookup import rows_over
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.linear_rest import Attached, LinearRest, linear_laws
@@ -54,7 +54,10 @@ class FrequencyResponse:
 
     @cached_property
     def _modal(self) -> Complex:
-        return self._rest.response(self.omega, self._forces)[:, :, 0].T
+        try:
+            return self._rest.response(self.omega, self._forces)[:, :, 0].T
+        except SingularSystemError as error:
+            raise SingularSystemError(f"frequency_response: {error}") from None
 
     @one_thread
     def displacement(self, point: Any) -> Complex:

@@ -205,7 +205,7 @@ class _Walk(Follower):
             at = root(self.family, step, test)
             if at is None:
                 continue
-            if test is tests[-1][1] and not _is_pair(at[0]):
+            if test is tests[-1][1] and test is not turning and not _is_pair(at[0]):
                 continue
             if name == "turn" and found:
                 # At a tip, and where the locus comes back along itself.
