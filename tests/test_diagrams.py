@@ -2,9 +2,10 @@
 
 from dataclasses import replace
 
-import diagram_functions as functions
 import numpy as np
 import pytest
+from orbit_scenes import nlvib_03
+from scenes import on_stop
 
 import vofem as vf
 from vofem.io.plot import state_map
@@ -13,9 +14,22 @@ from vofem.io.plot import state_map
 VALUES = [0.63, 0.67, 0.7]
 
 
+#: The masses of NLvib's example 03, by which points are found.
+FIRST, SECOND = vf.Mass(1.0, name="a"), vf.Mass(1.0, 1.0, 0.03, name="b")
+
+
+def oscillator(omega, gap):
+    return on_stop(vf.Mass(1.0, 1.0, 0.1, name="m"), load=vf.Sine(1.0, omega), gap=gap, stiffness=8.0)[1]
+
+
+def transient(omega):
+    """No steady state: the load is not periodic."""
+    return on_stop(vf.Mass(1.0, 1.0, 0.1, name="m"), load=vf.Pulse(1.0, 0.5, 0.1 * omega), gap=0.1, stiffness=8.0)[1]
+
+
 @pytest.fixture(scope="module")
 def diagram():
-    return vf.bifurcation_diagram(functions.two_masses, VALUES, periods=4, skip=220, executor="serial")
+    return vf.bifurcation_diagram(nlvib_03, VALUES, periods=4, skip=220, executor="serial")
 
 
 def linear(omega):
@@ -35,14 +49,14 @@ def test_rising_values_follow_the_impacting_motion_and_falling_ones_the_linear_m
 
 
 def test_samples_are_those_of_the_orbit_that_shooting_finds(diagram):
-    orbit = vf.periodic(functions.two_masses(VALUES[0]))
-    u, v = (call(functions.FIRST, [0.0])[0] for call in (orbit.result.displacement, orbit.result.velocity))
+    orbit = vf.periodic(nlvib_03(VALUES[0]))
+    u, v = (call(FIRST, [0.0])[0] for call in (orbit.result.displacement, orbit.result.velocity))
     assert diagram.displacement(start="up")[0, -1] == pytest.approx(u, abs=1e-4)
-    assert diagram.velocity(functions.FIRST, start="up")[0, -1] == pytest.approx(v, abs=1e-4)
+    assert diagram.velocity(FIRST, start="up")[0, -1] == pytest.approx(v, abs=1e-4)
 
 
 def test_the_diagram_says_what_it_holds(diagram):
-    assert repr(diagram).startswith("<BifurcationDiagram: 3 values x 4 periods; starts rest, up, down; points first")
+    assert repr(diagram).startswith("<BifurcationDiagram: 3 values x 4 periods; starts rest, up, down; points a")
     with pytest.raises(vf.ArgumentError, match="no point is named 'third'"):
         diagram.displacement("third")
     with pytest.raises(vf.ArgumentError, match="start is 'left'"):
@@ -51,19 +65,19 @@ def test_the_diagram_says_what_it_holds(diagram):
 
 def test_a_store_gives_the_same_diagram_without_computing(tmp_path, monkeypatch):
     store = tmp_path / "diagram.h5"
-    arguments = {"periods": 2, "skip": 3, "executor": "serial", "points": functions.SECOND}
+    arguments = {"periods": 2, "skip": 3, "executor": "serial", "points": SECOND}
     values = np.linspace(0.5, 0.62, 12)
-    first = vf.bifurcation_diagram(functions.two_masses, values, store=store, **arguments)
+    first = vf.bifurcation_diagram(nlvib_03, values, store=store, **arguments)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["diagram-follow.h5", "diagram-rest.h5"]
 
     def refuse(*_, **__):
         raise AssertionError("computed again")
 
     monkeypatch.setattr("vofem.studies.diagrams.bifurcation.simulate", refuse)
-    again = vf.bifurcation_diagram(functions.two_masses, values, store=store, **arguments)
+    again = vf.bifurcation_diagram(nlvib_03, values, store=store, **arguments)
     for start in ("rest", "up", "down"):
         assert again.displacement(start=start).tobytes() == first.displacement(start=start).tobytes()
-    assert first.points == ("second",)
+    assert first.points == ("b",)
     assert np.all(np.isfinite(first.samples["down"]))
 
 
@@ -74,19 +88,19 @@ def test_a_store_gives_the_same_diagram_without_computing(tmp_path, monkeypatch)
         ({"values": [0.5, float("nan")]}, "values holds nan"),
         ({"periods": 0}, "periods is 0"),
         ({"skip": -1}, "skip is -1"),
-        ({"build": functions.transient}, "every run failed, the first with"),
+        ({"build": transient}, "every run failed, the first with"),
     ],
 )
 def test_arguments_that_cannot_serve_are_refused(arguments, message):
-    given = {"build": functions.two_masses, "values": [0.6], "executor": "serial"} | arguments
+    given = {"build": nlvib_03, "values": [0.6], "executor": "serial"} | arguments
     with pytest.raises(vf.ArgumentError, match=message):
         vf.bifurcation_diagram(**given)
 
 
 def test_basins_tell_attractors_apart():
     found = vf.basins(
-        functions.two_masses(0.68), {"q1": [-2.0, -1.0, 0.0, 0.9]}, start=functions.start, tolerance=1e-3,
-        executor="serial",
+        nlvib_03(0.68), {"q1": [-2.0, -1.0, 0.0, 0.9]}, start=lambda q1: {FIRST: (q1, 0.0), SECOND: (0.0, 0.0)},
+        tolerance=1e-3, executor="serial",
     )  # fmt: skip
     assert [one.order for one in found.attractors] == [1, 1]
     assert sorted(one.name for one in found.attractors) == ["period 1 (a)", "period 1 (b)"]
@@ -101,28 +115,28 @@ def test_basins_tell_attractors_apart():
 
 def test_basins_of_one_body_need_no_start_and_others_do():
     found = vf.basins(
-        functions.oscillator(0.8, 0.2), {"displacement": [0.0, 1.0], "velocity": [-1.0, 0.0]}, skip=60,
+        oscillator(0.8, 0.2), {"displacement": [0.0, 1.0], "velocity": [-1.0, 0.0]}, skip=60,
         executor="serial",
     )  # fmt: skip
     assert found.index.tolist() == [[0, 0], [0, 0]]
     assert found.attractors[0].name == "period 1"
     with pytest.raises(vf.ArgumentError, match="give start="):
-        vf.basins(functions.two_masses(0.6), {"q1": [0.0]}, executor="serial")
+        vf.basins(nlvib_03(0.6), {"q1": [0.0]}, executor="serial")
 
 
 def test_a_map_of_stability_holds_the_orbits_of_periodic():
-    found = vf.stability_map(functions.oscillator, [0.5, 1.2], [0.0, 0.2], executor="serial")
-    orbit = vf.periodic(functions.oscillator(1.2, 0.2))
+    found = vf.stability_map(oscillator, [0.5, 1.2], [0.0, 0.2], executor="serial")
+    orbit = vf.periodic(oscillator(1.2, 0.2))
     assert found.stable.tolist() == [[1.0, 1.0], [1.0, 1.0]]
     assert found.multiplier[1, 1] == orbit.multipliers[0]
     assert found.amplitude[1, 1] == orbit.amplitude(orbit.scene.contacts[0].points()[0])
     assert "2 x 2 points; 100 % stable; 0 failed" in repr(found)
     with pytest.raises(vf.ArgumentError, match="no orbit was found at any point"):
-        vf.stability_map(lambda x, y: functions.transient(x), [1.0], [1.0], executor="serial")
+        vf.stability_map(lambda x, y: transient(x), [1.0], [1.0], executor="serial")
 
 
 def test_a_map_of_steady_states_hatches_the_unstable_cells(tmp_path):
-    found = vf.stability_map(functions.oscillator, [0.5, 1.2], [0.0, 0.2], executor="serial")
+    found = vf.stability_map(oscillator, [0.5, 1.2], [0.0, 0.2], executor="serial")
     assert state_map(found, tmp_path / "map.svg", quantity="multiplier", labels=("w [rad/s]", "f [N]")).exists()
     axes = state_map(replace(found, stable=np.array([[1.0, 1.0], [0.0, 1.0]])))
     (cell,) = axes.collections[-1].get_paths()
