@@ -23,6 +23,8 @@ def write_csv(result: Result, points: Mapping[str, Any] | Iterable[Any], path: s
     points : dict of str to point, or iterable of points
         The points; the keys of a dict are their names in the header.
     """
+    if not isinstance(result, Result):
+        raise ArgumentError(f"write_csv: result is {result!r}, expected the Result of vofem.simulate")
     columns: dict[str, Any] = {"t [s]": result.times}
     found = history_columns(result, named_points("write_csv", result.scene, points))
     write_columns(columns | {f"{name} [{unit}]": values for name, (values, unit) in found.items()}, path)

@@ -68,7 +68,7 @@ def response_curve(
     branches = [branch] if isinstance(branch, Branch) else branch
     place = as_point("response_curve: point", point)
     if not all(len(one) for one in branches):
-        raise ArgumentError("response_curve: a branch has no orbits; its status says why it ended")
+        raise ArgumentError("response_curve: a branch has no orbits; its notes say why it ended")
     heights = [one.amplitude(place) for one in branches]
     marked = [[(s, s.orbit.amplitude(place)) for s in one.special] for one in branches]
     scale = length(float(max(part.max() for part in heights)))
@@ -90,7 +90,8 @@ def response_curve(
             )  # fmt: skip
     axes.set(xlabel=plain(parameter), ylabel=f"amplitude [{scale[1]}]")
     axes.ticklabel_format(axis="x", useOffset=False)
-    axes.set_ylim(bottom=0.0)
+    # Amplitudes that hardly differ would lie on the upper edge.
+    axes.set_ylim(0.0, max(axes.get_ylim()[1], 1.05 * max(float(part.max()) for part in heights) / scale[0]))
     axes.set_title(plain(title or place.describe()), fontsize=text_size(11))
     legend(axes, most=12)
     return canvas
