@@ -11,8 +11,9 @@ import vofem as vf
 
 #: A chain of four masses and a simply supported beam; a chain of two between mirrored stops whose forces jump, and a
 #: propped beam with three special points beside a grazing; a beam whose touches become infinitely many and turn into
-#: rests at the gap. `python tests/populations.py` follows any others.
-SEEDS = (0, 7, 216, 215, 301)
+#: rests at the gap; a beam with a pair of Neimark-Sacker points very close behind a grazing.
+#: `python tests/populations.py` follows any others.
+SEEDS = (0, 7, 216, 215, 301, 313)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

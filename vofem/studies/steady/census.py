@@ -18,12 +18,11 @@ Test = Callable[[Point], float]
 #: Imaginary part of a multiplier, over its modulus, up to which it counts as real.
 _REAL = 1e-12
 
-#: Modulus of a complex pair, less 1, up to which it counts as 1: without damping all pairs lie on the unit circle.
-_ON_CIRCLE = 1e-9
+#: Distance of a complex pair from the unit circle that is rounding: without damping all pairs lie on the circle.
+ON_CIRCLE = 1e-8
 
 #: Distance from 1 below which the product of two multipliers counts as 1.
 _RECIPROCAL = 1e-12
-
 
 #: Modulus of a multiplier below which it counts as far inside of the unit circle, wherever it is.
 _FADED = 0.05
@@ -50,7 +49,7 @@ def _real(values: Complex) -> NDArray[np.bool_]:
 
 
 def _beyond(values: Complex) -> NDArray[np.bool_]:
-    return np.abs(values) > np.where(_real(values), 1.0, 1.0 + _ON_CIRCLE)
+    return np.abs(values) > np.where(_real(values), 1.0, 1.0 + ON_CIRCLE)
 
 
 def census(point: Point) -> Census | None:
@@ -128,11 +127,10 @@ def pair(point: Point) -> float:
     return float(size[np.argmin(np.abs(size - 1.0))] - 1.0)
 
 
-def stays_on_circle(point: Point) -> bool:
+def pair_on_circle(point: Point, within: float = ON_CIRCLE) -> bool:
     """Return whether a complex pair lies on the unit circle, as most do without damping; `pair` is then rounding."""
     values = multipliers(point)
-    away = np.abs(np.abs(values[~_real(values)]) - 1.0)
-    return bool(np.min(away, initial=1.0) <= _ON_CIRCLE)
+    return bool(np.min(np.abs(np.abs(values[~_real(values)]) - 1.0), initial=1.0) <= within)
 
 
 def collision(point: Point) -> float:
@@ -205,12 +203,3 @@ def counted(which: int, middle: float) -> Test:
         return float(np.copysign(np.min(away, initial=1.0), known[which] - middle))
 
     return test
-
-
-def kind_of(point: Point) -> str:
-    """Return the kind of a special point at which a multiplier lies on the unit circle."""
-    values = multipliers(point)
-    nearest = int(np.argmin(np.abs(np.abs(values) - 1.0)))
-    if not _real(values)[nearest]:
-        return "neimark_sacker"
-    return "branch_point" if values[nearest].real > 0.0 else "period_doubling"

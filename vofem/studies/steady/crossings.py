@@ -19,6 +19,7 @@ from vofem.arrays import Complex
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.between import Step, point_between
 from vofem.studies.steady.census import (
+    ON_CIRCLE,
     Census,
     Test,
     census,
@@ -32,8 +33,8 @@ from vofem.studies.steady.census import (
     multipliers,
     orientation,
     pair,
+    pair_on_circle,
     real_at,
-    stays_on_circle,
     turning,
 )
 from vofem.studies.steady.extended import Extended
@@ -91,9 +92,6 @@ _LEVEL = 1e-12
 
 #: Weight of a single real multiplier that crosses the circle, against pairs that do so and become real outside.
 _ODD = 10
-
-#: Distance from the unit circle, in logarithms, that is rounding.
-_ON_CIRCLE = 1e-8
 
 #: Entries of `Census` that change at special points.
 _WHICH = {"fold": 0, "branch_point": 0, "period_doubling": 1, "neimark_sacker": 2}
@@ -184,13 +182,14 @@ def _sides(low: _End, high: _End, found: list[SpecialPoint]) -> Iterator[_End]:
 
     The multiplier that is on the unit circle there counts once on each side of it.
     """
-    size = high.place - low.place
+    size, turned = high.place - low.place, low.heading * high.heading < 0.0
     for one in found:
         if not low.place + _ROUGH * size < one.place < high.place - _ROUGH * size:
             continue
-        end, passes = _end(one.point, one.place), not (one.turns and one.kind == "branch_point")
-        heading = -low.heading if one.turns else low.heading
-        side = -low.orientation if passes and one.kind in ("fold", "branch_point") else low.orientation
+        end, at_one = _end(one.point, one.place), _WHICH[one.kind] == 0
+        passes = not (turned and one.kind == "branch_point")
+        heading = -low.heading if turned and at_one else low.heading
+        side = -low.orientation if passes and at_one else low.orientation
         before = replace(end, kind=one.kind, heading=low.heading, orientation=low.orientation)
         after = replace(before, heading=heading, orientation=side)
         if low.counts is not None and end.counts is not None:
@@ -241,7 +240,7 @@ def _doubtful(known: list[_End], low: _End, high: _End) -> bool:
 def _by_rate(end: _End) -> _End:
     """Return an end that is watched by the rate of the parameter; it vanishes where the branch turns."""
     rate = turning(end.point)
-    return replace(end, logarithms=np.array([rate if abs(rate) > _ON_CIRCLE else 0.0], dtype=complex))
+    return replace(end, logarithms=np.array([rate if abs(rate) > ON_CIRCLE else 0.0], dtype=complex))
 
 
 def _may_return(known: list[_End], low: _End, high: _End) -> bool:
@@ -250,26 +249,25 @@ def _may_return(known: list[_End], low: _End, high: _End) -> bool:
     How far logarithms are from the chord in the middle of the part is estimated by second divided differences with the
     next orbits that are known on both sides of the part.
     """
-    known = [one for one in known if one.logarithms.size == low.logarithms.size]
     if low.logarithms.size != high.logarithms.size:
         return False
     size, a, b = high.place - low.place, low.logarithms, matched(low.logarithms, high.logarithms)
+    known = [one for one in known if one.logarithms.size == a.size]
     before = max((one for one in known if one.place < low.place), key=lambda one: one.place, default=None)
     beyond = min((one for one in known if one.place > high.place), key=lambda one: one.place, default=None)
-    slope, away = (b - a) / size, np.zeros(a.size)
-    if before is not None:
-        left = (a - matched(a, before.logarithms)) / (low.place - before.place)
-        away = np.abs((slope - left) / (high.place - before.place))
-    if beyond is not None:
-        right = (matched(b, beyond.logarithms) - b) / (beyond.place - high.place)
-        away = np.maximum(away, np.abs((right - slope) / (beyond.place - low.place)))
-    error = 0.25 * away * size**2 if before is not None or beyond is not None else 0.5 * np.abs(b - a)
+    error = 0.5 * np.abs(b - a) if before is beyond is None else np.zeros(a.size)
+    for one, place, here in ((before, low.place, a), (beyond, high.place, b)):
+        if one is not None:
+            slope = (matched(here, one.logarithms) - here) / (one.place - place)
+            # Farther away than the part is long nothing is known of where the slope changes.
+            away = size + min(abs(one.place - place), size)
+            error = np.maximum(error, 0.25 * np.abs((b - a) / size - slope) * size**2 / away)
     # One that crosses is found beforehand, unless another one crosses the other way.
     nearest = np.minimum(np.abs(a.real), np.abs(b.real))
-    across = np.where(nearest > _ON_CIRCLE, 0.0, np.abs(b.real - a.real))
+    across = np.where(nearest > ON_CIRCLE, 0.0, np.abs(b.real - a.real))
     distance = np.where(a.real * b.real <= 0.0, across, nearest)
     # Without damping pairs stay on the circle, up to rounding.
-    off = (np.abs(np.sin(a.imag)) < _ON_CIRCLE) | (np.maximum(np.abs(a.real), np.abs(b.real)) > _ON_CIRCLE)
+    off = (np.abs(np.sin(a.imag)) < ON_CIRCLE) | (np.maximum(np.abs(a.real), np.abs(b.real)) > ON_CIRCLE)
     return bool(np.any(off & (error > _ALLOWED * distance)))
 
 
@@ -311,7 +309,7 @@ def _single(family: Family, low: _End, high: _End) -> list[SpecialPoint]:
         if 1 not in known:
             found += _located(family, step, "period_doubling", real_at(-1.0), changes.minus, 1)
         if 2 not in known:
-            without_loss = stays_on_circle(step.first) and stays_on_circle(step.last)
+            without_loss = pair_on_circle(step.first) and pair_on_circle(step.last)
             at_pair = collision if without_loss else pair
             found += _located(family, step, "neimark_sacker", at_pair, changes.pairs, 2)
     size = high.place - low.place
@@ -355,15 +353,13 @@ def _at_turn(family: Family, step: Step, passed: bool) -> list[SpecialPoint]:
     point, share = at
     if passed:
         return [special_at("fold", point, share)]
-    low, high = share - _BESIDE * share, share + _BESIDE * (1.0 - share)
-    try:
-        beside = [point_between(family, step, near) for near in (low, high)]
-    except ConvergenceError:
-        return [special_at("fold", point, share)]
-    if orientation(beside[0]) == orientation(beside[1]):
-        return [special_at("branch_point", _exact(family, point), share)]
-    # A fold; apart from it there is a branch point in the same step.
-    return [special_at("fold", point, share)]
+    kind = "fold"  # There may be a branch point apart from it in the same step.
+    with contextlib.suppress(ConvergenceError):
+        # Very close to a branch point the determinant is rounding.
+        near = share - min(_BESIDE, 0.5 * share), share + min(_BESIDE, 0.5 * (1.0 - share))
+        low, high = (orientation(point_between(family, step, one)) for one in near)
+        kind = "branch_point" if low == high else kind
+    return [special_at(kind, point, share)]
 
 
 def _exact(family: Family, point: Point) -> Point:

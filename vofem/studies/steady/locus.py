@@ -16,7 +16,7 @@ from vofem.progress import Progress
 from vofem.scene import Scene
 from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import Curve
-from vofem.studies.steady.census import Test, kind_of, multipliers, pairs_at_one, real_at, turning
+from vofem.studies.steady.census import Test, pair_on_circle, pairs_at_one, real_at, turning
 from vofem.studies.steady.crossings import root
 from vofem.studies.steady.extended import Extended
 from vofem.studies.steady.family import Family, Interval
@@ -205,8 +205,8 @@ class _Walk(Follower):
             at = root(self.family, step, test)
             if at is None:
                 continue
-            if test is tests[-1][1] and test is not turning and not _is_pair(at[0]):
-                continue
+            if test is tests[-1][1] and test is not turning and not pair_on_circle(at[0], _ON_CIRCLE):
+                continue  # Two real multipliers, reciprocals of each other.
             if name == "turn" and found:
                 # At a tip, and where the locus comes back along itself.
                 continue
@@ -239,12 +239,6 @@ class _Walk(Follower):
             self.notes.append(
                 f"the locus ends at ({at.y[-2]:.12g}, {at.value:.12g}), where both multipliers of the pair are {where}"
             )
-
-
-def _is_pair(point: Point) -> bool:
-    """Return whether a complex pair lies on the unit circle, and not two real multipliers around it."""
-    values = multipliers(point)
-    return bool(np.min(np.abs(np.abs(values) - 1.0)) < _ON_CIRCLE) and kind_of(point) == _PAIR
 
 
 def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interval: Interval) -> tuple[Family, Point]:

@@ -63,7 +63,8 @@ class Sheets:
         for k, step in enumerate(self.walker.steps):
             if step is None:
                 continue
-            turns = [one.point for one in self.walker.special if one.turns and k < one.place < k + 1]
+            inside = [one for one in self.walker.special if k < one.place < k + 1]
+            turns = [one.point for one in inside if one.kind in ("fold", "branch_point")]
             chain = [step.first, *turns, step.last]
             parts += list(itertools.pairwise(chain))
         return parts

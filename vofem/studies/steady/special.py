@@ -8,9 +8,6 @@ from typing import Any
 
 from vofem.studies.steady.orbit import PeriodicOrbit
 
-#: Share of the parameter in the direction of a branch below which it turns at a branch point.
-_LEVEL = 1e-3
-
 #: Kinds of special points that have loci.
 KINDS = ("fold", "period_doubling", "neimark_sacker", "grazing", "branch_point")
 
@@ -23,9 +20,10 @@ class SpecialPoint:
     ----------
     kind : str
         "fold": a multiplier is 1 and the branch turns smoothly in its parameter. "branch_point": a multiplier passes 1
-        and the branch does not turn. "period_doubling": a multiplier passes -1. "neimark_sacker": a pair of complex
-        multipliers crosses the unit circle. "grazing": a local extremum of a gap function touches zero, whether or not
-        the branch turns there. "sticking": a friction begins to stick where it turned at once, or ceases to.
+        and the branch does not turn, or the branch comes back along mirrored orbits. "period_doubling": a multiplier
+        passes -1. "neimark_sacker": a pair of complex multipliers crosses the unit circle. "grazing": a local extremum
+        of a gap function touches zero, whether or not the branch turns there. "sticking": a friction begins to stick
+        where it turned at once, or ceases to.
     value : float
         Value of the branch's parameter at the point.
     orbit : PeriodicOrbit
@@ -51,11 +49,6 @@ class SpecialPoint:
         kind = f"{self.kind} of {self.contact!r}" if self.contact else self.kind
         other = "" if isnan(self.other) else f", {self.other:.12g}"
         return f"SpecialPoint({kind} at {self.value:.12g}{other}, {self.orbit!r})"
-
-    @property
-    def turns(self) -> bool:
-        """Whether the branch turns there, as it does at a fold, and at a branch point where it returns mirrored."""
-        return self.kind == "fold" or (self.kind == "branch_point" and abs(self.point.tangent[-1]) < _LEVEL)
 
 
 def special_at(kind: str, point: Any, place: float, contact: str = "") -> SpecialPoint:
