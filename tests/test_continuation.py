@@ -403,6 +403,9 @@ def test_bad_arguments():
         vf.continuation(bilinear, 1.0, 2.0, periods=1.5)
     branch = vf.continuation(bilinear, 1.5, 1.6, max_points=3)
     assert any("max_points" in note for note in branch.notes)
+    # A limit says, as a loss does, what contacts do there: here the branch has just grazed the stop.
+    branch = vf.continuation(jumping, 0.918, 1.5, max_points=8)
+    assert "raise max_points to go on; there contact 'stop' touches 1 times an orbit" in branch.notes[-1]
     branch = vf.continuation(bilinear, 3.0, 1.0, max_seconds=1e-3)
     assert 1 <= len(branch) < 5
     assert any("max_seconds" in note for note in branch.notes)

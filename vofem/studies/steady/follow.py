@@ -152,16 +152,15 @@ class Follower:
         begun = time.monotonic()
         while not self._over:
             if len(self.points) >= self.most:
-                self.notes.append(f"the {self.noun} was followed for {self.most} points; raise max_points to go on")
+                self._stopped(now, f"the {self.noun} was followed for {self.most} points; raise max_points to go on")
                 return
             if self.seconds is not None and time.monotonic() - begun > self.seconds:
-                self.notes.append(
-                    f"the limit of {self.seconds:g} s was reached at {now.value:.9g}; raise max_seconds to go on"
-                )
+                told = f"the limit of {self.seconds:g} s was reached at {now.value:.9g}; raise max_seconds to go on"
+                self._stopped(now, told)
                 return
             if report(now.value):
                 self.interrupted = True
-                self.notes.append(f"interrupted at {now.value:.9g}: what was found until then is here")
+                self._stopped(now, f"interrupted at {now.value:.9g}: what was found until then is here")
                 return
             after = self._advanced(now, step)
             if after is None:
@@ -177,14 +176,16 @@ class Follower:
             self.interrupted = True
             self.notes.append(f"interrupted at {now.value:.9g}, the end of the {self.noun}")
 
+    def _stopped(self, now: Point, limit: str) -> None:
+        """Note a limit, and what contacts do there, which may be the reason why it was reached."""
+        self.notes.append(limit + what_contacts_do(now))
+
     def _lost(self, now: Point) -> str:
         """Return what is known about the place where no further orbit was found."""
-        known = what_contacts_do(now)
-        seen = "; there " + ", and ".join(known) if known else ""
         return (
             f"the {self.noun} was lost at {now.value:.12g}: Newton's method does not converge for the smallest "
-            f"step{self._why}{seen}. To go on, follow from an orbit beyond: vofem.continuation(..., guess=) with a run "
-            "there that has settled, or with periods="
+            f"step{self._why}{what_contacts_do(now)}. To go on, follow from an orbit beyond: vofem.continuation(..., "
+            "guess=) with a run there that has settled, or with periods="
         )
 
     def _advanced(self, now: Point, step: float) -> tuple[Point, float] | None:

@@ -577,11 +577,12 @@ def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[i
     raise ConvergenceError("no orbit was found beside one that grazes a contact whose force jumps, or a rigid stop")
 
 
-def what_contacts_do(point: Point) -> list[str]:
-    """Return what the contacts of an orbit do that may end a branch there: rests, impacts without end, grazings."""
-    chart, laws = point.chart, point.problem.system.contacts
-    if not isinstance(chart, Signature) or laws is None:
-        return []
+def what_contacts_do(point: Point) -> str:
+    """Return what contacts do that may end a branch at an orbit: rests, impacts without end, grazings; "" for none."""
+    chart = point.chart
+    laws = point.problem.system.contacts if isinstance(chart, Signature) else None
+    if laws is None:
+        return ""
     lengths = chart.lengths(point.y[:-1])
     found = []
     for contact, name in enumerate(laws.names):
@@ -606,7 +607,7 @@ def what_contacts_do(point: Point) -> list[str]:
         near = [-e.height for e in point.evaluation.extremes if e.contact == contact and e.height > -_CLOSE]
         if near:
             found.append(f"contact {name!r} comes within {max(min(near), 0.0):.2g} of the motion to its gap")
-    return found
+    return "; there " + ", and ".join(found) if found else ""
 
 
 def _not_turned(short: Point, outside: Point) -> Point:
