@@ -154,3 +154,40 @@ def test_loci_of_grazings_and_doublings_follow_the_closed_form() -> None:
     for mark, expected in zip(branch.special, (other.amplitude, other.gap_at(-1.0)), strict=True):
         locus = vf.locus(lambda gap, omega: oscillator(omega, gap), mark, 2.6, 2.4)
         np.testing.assert_allclose(locus.values[-1], [expected, 2.4], rtol=1e-10)
+
+
+def test_a_mass_that_a_jump_of_force_lets_go_of_has_the_multipliers_of_its_run() -> None:
+    """One mass rests at its stop until another one meets it under the displacement law and pushes it off at once."""
+    period = 2.0 * np.pi / 4.5
+
+    def pushed(amplitude: float) -> vf.Scene:
+        rests = vf.Mass(1.0, stiffness=30.0, damping=2.5, name="rests")
+        moves = vf.Mass(0.9, stiffness=25.0, damping=0.8, name="moves")
+        stop = vf.RigidStop(rests, gap=0.05, restitution=0.0, side="below", name="stop")
+        jump = vf.Contact(moves, rests, gap=0.06, stiffness=90.0, acts_on="displacement", name="jump")
+        loads = [vf.PointLoad(rests, vf.Constant(-4.0)), vf.PointLoad(moves, vf.Sine(amplitude, 4.5))]
+        return vf.Scene([rests, moves], [stop, jump, *loads])
+
+    def after(scene: vf.Scene, state: np.ndarray) -> tuple[np.ndarray, vf.Result]:
+        rests, moves = scene.bodies
+        run = vf.simulate(
+            scene, period, method="event_driven", times=np.array([period]),
+            initial={rests: (-0.05, 0.0), moves: tuple(state)},
+        )  # fmt: skip
+        return np.array([run.displacement(moves)[-1], run.velocity(moves)[-1]]), run
+
+    settled = vf.simulate(pushed(2.0), 40.0 * period, method="event_driven", times=np.array([40.0 * period]))
+    branch = vf.continuation(pushed, 2.0, 2.3, guess=settled)
+    assert not branch.notes
+    for orbit, amplitude in ((branch.orbits[0], 2.0), (branch.orbits[-1], 2.3)):
+        scene = pushed(amplitude)
+        state = np.array(orbit.state_of("moves"), dtype=float).ravel()
+        back, run = after(scene, state)
+        assert back == pytest.approx(state, abs=1e-10)
+        released = run.contacts["stop"].pinned[0, 1]
+        assert released == run.contacts["jump"].closings[0]
+        steps = 1e-6 * np.eye(2)
+        change = np.array([(after(scene, state + d)[0] - after(scene, state - d)[0]) / 2e-6 for d in steps]).T
+        expected = np.linalg.eigvals(change)
+        found = orbit.multipliers[np.abs(orbit.multipliers) > 1e-9]
+        assert np.sort_complex(found) == pytest.approx(np.sort_complex(expected), abs=1e-6)

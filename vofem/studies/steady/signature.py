@@ -407,6 +407,11 @@ class Signature:
         for index, (contact, status) in enumerate(self.switches):
             before = self.statuses[index][contact]
             if before == PINNED:
+                if self._let_go(problem, path, index):
+                    # It follows the switch before after no time.
+                    values[index], sizes[index] = problem.loads.omega * path.durations[index], 1.0
+                    derived[index] = problem.loads.omega * (path.shifts[index] - path.shifts[index - 1])
+                    continue
                 values[index], derived[index], sizes[index] = self._released(problem, path, index, contact, status)
             elif before > PINNED:
                 # A slider comes to rest.
@@ -427,6 +432,19 @@ class Signature:
     def _again(self) -> NDArray[np.int64]:
         """Numbers of the switches of contacts that have switched before."""
         return np.array([k for k, partner in enumerate(self.partners) if partner is not None], dtype=np.int64)
+
+    def _let_go(self, problem: Shooting, path: Path, index: int) -> bool:
+        """Return whether a pinned contact is released at once because the switch before lets its reaction jump."""
+        (contact, status), laws = self.switches[index], problem.system.contacts
+        if not index or status > PINNED or self.statuses[index - 1][contact] != PINNED:
+            return False
+        assert laws is not None
+        before, after = (
+            problem.course.reaction(self.statuses[k], float(path.times[index]), state, contact)
+            for k, state in ((index - 1, path.ends[index - 1]), (index, path.starts[index]))
+        )
+        full = float(laws.stiffness[contact] * laws.gap[contact])
+        return before < full <= after if status == CLOSED else after <= 0.0 < before
 
     @staticmethod
     def _released(problem: Shooting, path: Path, index: int, contact: int, status: int) -> tuple[float, Array, float]:
