@@ -365,6 +365,22 @@ def test_contact_on_a_support_can_never_move():
         vf.simulate(vf.Scene([b], [stop]), 1.0)
 
 
+@pytest.mark.parametrize("method", ["auto", "energy_conserving"])
+@pytest.mark.parametrize("stiffness", [None, 5.0])
+def test_friction_on_a_support_can_never_move(method, stiffness):
+    b = beam()
+    slider = vf.Friction(b.at(0.0), coefficient=0.3, normal=1.0, stiffness=stiffness, name="s")
+    with pytest.raises(vf.ArgumentError, match="Friction 's' can never move"):
+        vf.simulate(vf.Scene([b], [slider]), 1.0, method=method)
+
+
+def test_sliders_have_names_of_their_own():
+    b = beam()
+    sliders = [vf.Friction(b.at(x), coefficient=0.3, normal=1.0, name="s") for x in (0.3, 0.6)]
+    with pytest.raises(vf.ArgumentError, match="sliders named 's' occur more than once"):
+        vf.simulate(vf.Scene([b], sliders), 1.0)
+
+
 def test_overflowing_units_are_named():
     with pytest.raises(vf.ArgumentError, match="stiffness matrix overflows"):
         vf.simulate(vf.Scene([beam(EI=lambda x: 1e305, elements=1000)]), 1.0)

@@ -242,6 +242,27 @@ def test_amplitudes_over_frequency_are_fitted_on_all_sheets_of_a_branch() -> Non
     assert np.allclose(fit.covariance[:2, :2], np.linalg.inv(slopes.T @ slopes) * noise**2, rtol=1e-5)
 
 
+@pytest.mark.parametrize("function", [
+    2.0 * vf.Sine(0.1, 0.8), vf.Sine(0.05, 0.8) + 3.0 * vf.Sine(0.05, 0.8),
+    0.5 * (vf.Sine(0.3, 0.8) + vf.Sine(0.1, 0.8)),
+])  # fmt: skip
+def test_sines_within_sums_and_multiples_have_the_measured_frequency(function) -> None:
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="m")
+    scene = vf.Scene(
+        [mass], [vf.PointLoad(mass, function, name="sum"), vf.PointLoad(mass, vf.Sine(0.1, 0.8), name="load")]
+    )
+    frequencies = np.array([0.1, 0.12])
+    omega = 2.0 * np.pi * frequencies
+    data = vf.MeasuredCurve(mass, frequencies, 0.3 / np.abs(1.0 - omega**2 + 0.1j * omega), 1.0)
+    assert np.max(np.abs(vf.fit(scene, vf.Parameter("load", "f.omega"), data).residuals)) < 1e-6
+
+
+def test_data_that_are_numbers_are_refused_in_a_short_message() -> None:
+    start = driven(1.0, 8.0)
+    with pytest.raises(vf.ArgumentError, match=r"fit: data is an array of 500, expected what vofem\.Measured returns"):
+        vf.fit(start, vf.Parameter("stop", "gap"), np.zeros(500))
+
+
 def test_sheets_that_are_meant_and_curves_that_are_refused() -> None:
     start, frequency = driven(1.0, 8.0), 1.09 / (2.0 * np.pi)
     mass, gap = start.bodies[0], vf.Parameter("stop", "gap")
@@ -253,7 +274,7 @@ def test_sheets_that_are_meant_and_curves_that_are_refused() -> None:
     assert found["upper"][1] > 1.5 * found["lower"][1] > 0.0
     assert found["upper"][0] == pytest.approx(found["lower"][0], rel=1e-9)
     still = vf.Scene([mass], [start.effects[0], vf.PointLoad(mass, 1.0)])
-    with pytest.raises(vf.ArgumentError, match="no load of the scene is a Sine"):
+    with pytest.raises(vf.ArgumentError, match="no load of the scene has a Sine"):
         vf.fit(still, gap, vf.MeasuredCurve(mass, [0.1, 0.2], [0.0, 0.0]))
     with pytest.raises(vf.ArgumentError, match="at least two of them different"):
         vf.MeasuredCurve(mass, [0.1], [1.0])

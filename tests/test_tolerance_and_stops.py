@@ -77,8 +77,9 @@ def test_the_jump_law_between_two_stops(stiffness):
     assert result.counters.steps < 20_000
 
 
-def test_samples_between_stored_times_stay_in_front_of_the_stop():
-    _, scene = to_and_fro(1e8)
+@pytest.mark.parametrize("made", [to_and_fro, crushed])
+def test_samples_between_stored_times_stay_in_front_of_the_stop(made):
+    _, scene = made(1e8)
     result = vf.simulate(scene, 4.0, tol=1e-4, times=np.linspace(0.0, 4.0, 401), **METHOD)
     t = np.linspace(0.0, 4.0, 7919)
     assert np.max(np.abs(result.solution.sample(t).q)) < 0.5 + 1.1e-4

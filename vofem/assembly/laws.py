@@ -58,17 +58,16 @@ def law_groups(
         mine = gathered[kind]
         rows.append(stacked([row for row, _ in mine], size))
         groups.append(kind.gather(unknown.rows(rows[-1]), tuple(law for _, law in mine)))
-    for alike in ([g for g in groups if g.place == 0], [g for g in groups if g.recorded]):
-        _check(alike)
+    for what in dict.fromkeys(group.named for group in groups if group.named):
+        _check(what, [group for group in groups if group.named == what])
     return tuple(rows), tuple(groups)
 
 
-def _check(groups: Sequence[LawGroup]) -> None:
+def _check(what: str, groups: Sequence[LawGroup]) -> None:
     """Raise where a name, by which histories are found, occurs twice, or a row is empty."""
     names = [name for group in groups for name in group.names]
     twice = next((name for name in names if names.count(name) > 1), None) if len(set(names)) < len(names) else None
     if twice is not None:
-        what = "contacts" if groups[0].place == 0 else "springs"
         raise ArgumentError(f"{what} named {twice!r} occur more than once; give each its own name")
     for group in groups:
         riders = () if group.moving is None else tuple(group.moving.riders)

@@ -17,6 +17,7 @@ from vofem.errors import ArgumentError, ConvergenceError, VofemError
 from vofem.fitting.measured import Data, Trial
 from vofem.parameters import Real
 from vofem.parameters.kinds import Either
+from vofem.parameters.place import found
 from vofem.scene import Scene, as_scene
 from vofem.sensitivities import Parameter
 from vofem.sensitivities.parameter import parameters_of
@@ -393,13 +394,14 @@ def fit(
     chosen = parameters_of("fit", parameters, scene)
     measured = tuple(listed(data))
     if not measured or not all(isinstance(one, Data) for one in measured):
-        raise wrong("fit: data", repr(data), "what vofem.Measured returns, or several of these")
+        shown = repr(data) if len(measured) == 1 else found(list(measured))
+        raise wrong("fit: data", shown, "what vofem.Measured returns, or several of these")
     starts = whole("fit: starts", starts)
     problem = _Problem(scene, chosen, measured)
     windows = _windows(horizon, problem.end)
     if not problem.weights(windows[-1]).size:
         raise ArgumentError(f"fit: horizon is {horizon!r} s, before the first of the data; give a later one")
-    found: list[tuple[FitStart, _Solved]] = []
+    solutions: list[tuple[FitStart, _Solved]] = []
     failure: VofemError | None = None
     for begin in _begins(problem, starts):
         x = np.append(begin, np.zeros(len(problem.with_offset)))
@@ -414,11 +416,11 @@ def fit(
                 raise
             continue
         solved.runs = problem.runs
-        found.append((FitStart(begin, solved.x[: len(chosen)], solved.chi2), solved))
-    if not found:
+        solutions.append((FitStart(begin, solved.x[: len(chosen)], solved.chi2), solved))
+    if not solutions:
         raise ConvergenceError(f"fit: none of {starts} starts led to a solution; the first one ended with: {failure}")
-    found.sort(key=lambda pair: pair[0].chi2)
-    return _outcome(measured, problem, tuple(start for start, _ in found), found[0][1])
+    solutions.sort(key=lambda pair: pair[0].chi2)
+    return _outcome(measured, problem, tuple(start for start, _ in solutions), solutions[0][1])
 
 
 def _windows(horizon: Any, end: float) -> list[float]:

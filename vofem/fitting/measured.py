@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -24,6 +24,7 @@ from vofem.simulate.simulation import simulate
 from vofem.statics import equilibrium
 from vofem.studies.steady import PeriodicOrbit, continuation
 from vofem.time_functions import Sine
+from vofem.time_functions.base import Scaled, Sum
 from vofem.vibration import modes
 
 _UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s^2"}
@@ -475,20 +476,31 @@ class MeasuredCurve(Data):
 def driven_at(scene: Scene, frequency: float) -> Scene:
     """Return a scene whose slowest load has a frequency in Hz; the ratios of several frequencies stay.
 
-    Raises `ArgumentError` if the scene has no load that is a sine.
+    Raises `ArgumentError` if the scene has no load with a sine.
     """
-    sines = [(effect, name) for effect in scene.effects for name in FUNCTIONS
-             if isinstance(getattr(effect, name, None), Sine)]  # fmt: skip
-    own = [getattr(effect, name).omega for effect, name in sines]
-    if not any(own):
+    sines = [(Parameter(effect, f"{place}.omega"), omega) for effect in scene.effects for name in FUNCTIONS
+             for place, omega in _sines(name, getattr(effect, name, None))]  # fmt: skip
+    own = [omega for _, omega in sines if omega]
+    if not own:
         raise ArgumentError(
-            "fit: MeasuredCurve sets the frequency of the loads, but no load of the scene is a Sine; expected a "
+            "fit: MeasuredCurve sets the frequency of the loads, but no load of the scene has a Sine; expected a "
             "PointLoad, DistributedLoad, PointMoment or BaseMotion with one"
         )
-    factor = 2.0 * np.pi * frequency / min(omega for omega in own if omega)
-    for (effect, name), omega in zip(sines, own, strict=True):
-        scene = Parameter(effect, f"{name}.omega").at(scene, factor * omega)
+    factor, base = 2.0 * np.pi * frequency / min(own), scene
+    for parameter, omega in sines:
+        scene = parameter.carried(base, scene).at(scene, factor * omega)
     return scene
+
+
+def _sines(place: str, function: Any) -> Iterator[tuple[str, float]]:
+    """Return the places of the sines in a function of time, as paths from its own, and their frequencies in rad/s."""
+    if isinstance(function, Sine):
+        yield place, function.omega
+    elif isinstance(function, Scaled):
+        yield from _sines(f"{place}.function", function.function)
+    elif isinstance(function, Sum):
+        for k, term in enumerate(function.terms):
+            yield from _sines(f"{place}.terms.{k}", term)
 
 
 public(Measured, MeasuredCurve, MeasuredEvents, MeasuredFrequencies, MeasuredStatics)

@@ -40,6 +40,8 @@ class SteppedSolution:
     springs: SpringSamples | None = None  #: Springs with memory at the stored times.
     probes: ProbeSamples | None = None  #: Points that were recorded at every step.
     sliders: SliderHistory | None = None  #: Sliders after every step.
+    #: Times in s of steps in which another law than a contact began or ceased to act.
+    kinks: Array = field(default_factory=lambda: np.empty(0))
     #: How the run was computed, and so how contacts are evaluated later.
     compiled: bool = field(default_factory=compiled)
 
@@ -67,7 +69,8 @@ class SteppedSolution:
     def sample(self, times: Array) -> Samples:
         """Return the motion at stored times, or between steps by the quintic through q, v and a; a on a line.
 
-        Between two stored times with a contact event, displacements stay between their values there.
+        Between two stored times with a contact event, or another law that begins or ceases to act, displacements stay
+        between their values there.
         """
         if np.array_equal(times, self.times):
             return self.samples
@@ -76,8 +79,8 @@ class SteppedSolution:
             return Samples(self.samples.q[:, left], self.samples.v[:, left], self.samples.a[:, left])
         # Events at a stored time belong to both of its sides.
         before, after = self.times[left], self.times[np.minimum(left + 1, self.times.size - 1)]
-        upto = np.searchsorted(self.events.time, after, side="right")
-        kinked = upto > np.searchsorted(self.events.time, before, side="left")
+        kinks = np.sort(np.concatenate([self.events.time, self.kinks]))
+        kinked = np.searchsorted(kinks, after, side="right") > np.searchsorted(kinks, before, side="left")
         begin, end = (
             (self.samples.q[:, side], self.samples.v[:, side], self.samples.a[:, side]) for side in (left, left + 1)
         )

@@ -46,6 +46,7 @@ class ContactLaws(LawGroup):
     """
 
     kind: ClassVar[str] = "contacts"
+    named: ClassVar[str] = "contacts"
     place: ClassVar[int] = 0
 
     names: tuple[str, ...]

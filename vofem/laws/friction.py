@@ -47,6 +47,7 @@ class FrictionLaws(ListedLaws):
 
     place: ClassVar[int] = 3
     kind: ClassVar[str] = "friction"
+    named: ClassVar[str] = "sliders"
     static: ClassVar[bool] = False
 
     laws: tuple[FrictionLaw, ...]

@@ -144,6 +144,9 @@ class LawGroup:
 
     # -- the laws as functions ------------------------------------------------------------------------
 
+    #: What laws are called whose names must differ, because histories are found by them; empty where none are found.
+    named: ClassVar[str] = ""
+
     #: Whether force, stored energy and loss of every law are recorded along a run.
     recorded: ClassVar[bool] = False
 

@@ -36,6 +36,7 @@ class HystereticLaws(ListedLaws):
     place: ClassVar[int] = 2
     kind: ClassVar[str] = "hysteretic springs"
     recorded: ClassVar[bool] = True
+    named: ClassVar[str] = "springs"
 
     laws: tuple[Law, ...]
 

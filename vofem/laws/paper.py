@@ -92,6 +92,7 @@ class PrintedLaws(ListedLaws):
     place: ClassVar[int] = 2
     kind: ClassVar[str] = "hysteretic springs"
     recorded: ClassVar[bool] = True
+    named: ClassVar[str] = "springs"
 
     laws: tuple[PrintedLaw, ...]
 

@@ -95,6 +95,7 @@ class SpringpotLaws(ListedLaws):
     place: ClassVar[int] = 3
     kind: ClassVar[str] = "springpots"
     recorded: ClassVar[bool] = True
+    named: ClassVar[str] = "springs"
     static: ClassVar[bool] = False
     linear: ClassVar[bool] = True
     past_is_kept: ClassVar[bool] = False

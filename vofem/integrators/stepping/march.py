@@ -59,7 +59,9 @@ def march(
             raise KeyboardInterrupt
         notes.append(interruption(run.reached(), t_end))
         t_end = float(out.times[kept[-1]])
-    time, which, entered = np.concatenate([np.empty((0, 3)), *log]).T
+    whole = np.concatenate([np.empty((0, 3)), *log])
+    of_contacts = whole[:, 1] >= 0.0
+    time, which, entered = whole[of_contacts].T
     events = Events(time.copy(), which.astype(np.int64), entered.astype(np.int64), run.initial)
     counters.events = events.time.size
     first_energy += in_springs
@@ -71,7 +73,7 @@ def march(
     times, samples, parts, springs = _outcome(run, out, done[out.wanted[done]])
     return SteppedSolution(
         system, t_end, times, samples, parts, first_energy, dt, events, counters, notes, springs, points,
-        None if run.sliders is None else run.sliders.history(t_end),
+        None if run.sliders is None else run.sliders.history(t_end), whole[~of_contacts, 0],
     )  # fmt: skip
 
 

@@ -99,7 +99,8 @@ class Switches:
     `status` (shape (n_contacts,)): after the last step.
     `size`: largest sum of displacements and gap of any contact so far, m. Displacements are known to the rounding of
     it, and so are gap functions.
-    `log` (shape (n_events, 3)): time, contact and status entered of the events.
+    `log` (shape (n_events, 3)): time, contact and status entered of the events. Contact -1 stands for any other law
+    that begins or ceases to act, such as a crushing stop.
     """
 
     def __init__(self, structure: Structure, status: IntArray) -> None:
@@ -111,9 +112,17 @@ class Switches:
     def step_on(self, path: Path, count: int, t_end: float) -> None:
         """Take notice of the last steps of a path; set `Path.turns`."""
         laws, m = self.laws, self.status.size
-        if laws is None or not count:
+        if not count:
             return
         first = path.filled - count
+        acts = path.chunk.reaction[first : path.filled + 1, m:] != 0.0
+        # Methods of mean forces have none before the first step.
+        acts[0] = acts[0 if path.dt[first] else 1]
+        row = first + 1 + np.flatnonzero((acts[1:] != acts[:-1]).any(axis=1))
+        if row.size:
+            self._enter(path.t[row] - 0.5 * path.dt[row], -1, OPEN, t_end)
+        if laws is None:
+            return
         s = path.chunk.u[first : path.filled + 1, :m] - laws.gap
         q = path.chunk.q[first + 1 : path.filled + 1, self._columns]
         sizes = (self._sizes @ np.abs(q).T).T + np.abs(laws.gap)
@@ -142,8 +151,11 @@ class Switches:
         part = np.divide(before, before - after, out=np.ones(step.size), where=before != after)
         row = first + 1 + step
         t = path.t[row] - path.dt[row] * (1.0 - np.clip(part, 0.0, 1.0))
-        within = t <= t_end * (1.0 + 1e-12)
-        self.log.append(np.column_stack([t, contact, np.where(closed[step + 1, contact], CLOSED, OPEN)])[within])
+        self._enter(t, contact, np.where(closed[step + 1, contact], CLOSED, OPEN), t_end)
+
+    def _enter(self, t: Array, contact: IntArray | int, status: IntArray | int, t_end: float) -> None:
+        """Enter events at times in s up to the end of the run, shape (n_events,), into the log."""
+        self.log.append(np.column_stack(np.broadcast_arrays(t, contact, status))[t <= t_end * (1.0 + 1e-12)])
 
 
 class Record:
