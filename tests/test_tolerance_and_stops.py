@@ -248,3 +248,13 @@ def test_a_break_away_after_a_long_rest_is_not_jumped_over(law, load):
     right = vf.simulate(scene, 6.0, method="energy_conserving", dt=5e-3, times=times).displacement(mass)
     result = vf.simulate(scene, 6.0, method="energy_conserving", tol=0.01, times=times)
     assert np.abs(result.displacement(mass) - right).max() < 0.02 * np.abs(right).max()
+
+
+@pytest.mark.parametrize(("method", "cure"), [("energy_conserving", ""), ("generalized_alpha", "may have blown up")])
+def test_a_step_without_a_solution_names_its_size_and_the_laws_that_may_leave_none(method, cure):
+    """A spring that softens without end throws the mass to infinity within 1.4 s."""
+    mass = vf.Mass(1.0)
+    spring = vf.NonlinearSpring(mass, potential=lambda u: -(u**4) / 4.0, force=lambda u: -(u**3))
+    match = rf"{method} found no solution of the step from t = [\d.]+ s at dt = 0\.05 s: reduce dt\..*{cure}.*softens"
+    with pytest.raises(vf.ConvergenceError, match=match):
+        vf.simulate(vf.Scene([mass], [spring], {mass: (1.0, 1.0)}), 4.0, method=method, dt=0.05)
