@@ -39,16 +39,19 @@ def test_a_motion_that_does_not_settle_is_told(monkeypatch):
         vf.continuation(lambda omega: rattler(omega, damping=1.0), 0.5, 0.6)
 
 
-def test_a_branch_does_not_go_back_through_a_grazing(monkeypatch):
+def test_a_branch_does_not_go_back_through_a_grazing():
     """Another grazing lies within reach of a step; the one that the branch has come through leads back along it."""
-    # Special points of one step would take a minute, because multipliers change wildly there. Grazings are found alone.
-    monkeypatch.setattr("vofem.studies.steady.crossings._MOST_PARTS", 10)
     branch = vf.continuation(rattler, 0.5, 0.45, max_points=75)
     grazings = [s for s in branch.special if s.kind == "grazing"]
     # The last two are one orbit and its mirror image: the branch crosses that of the symmetric orbits between them.
     assert [s.value for s in grazings] == pytest.approx([0.4871399376, 0.4770683140, 0.4770683140], abs=1e-9)
     assert [s.contact for s in grazings] == ["below", "above", "below"]
     assert grazings[1].value == pytest.approx(grazings[2].value, abs=1e-12)
+    # It turns there, where multipliers are rounding; the value is that of the branch point's own equations.
+    assert [(s.kind, s.value) for s in branch.special if 60.0 < s.place < 62.0] == [
+        ("branch_point", pytest.approx(0.47706814138271, abs=1e-10))
+    ]
+    assert not any("may be missing" in note for note in branch.notes)
     # Orbits and not only values are new, and the branch has not come back to where it began.
     states = np.array([[*o.unknowns, 100.0 * value] for o, value in zip(branch.orbits, branch.values, strict=True)])
     away = np.linalg.norm(states[:, None] - states[None, :], axis=2)

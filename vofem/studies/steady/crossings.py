@@ -78,8 +78,9 @@ _BESIDE = 0.02
 #: their length close to a grazing.
 _CUTS = (0.5, 0.2, 0.8, 0.05, 0.95)
 
-#: Parts of a step that are looked at, and the length of one, in scaled coordinates, at which rounding decides.
-_MOST_PARTS, _NARROW = 500, 1e-9
+#: Parts of a step that are looked at, and the length of one, in scaled coordinates, at which rounding decides: at all,
+#: and beside a branch point, where the equations are singular.
+_MOST_PARTS, _NARROW, _SINGULAR = 500, 1e-9, 1e-5
 
 #: Error of a prediction that is allowed, as a share of the distance from the unit circle.
 _ALLOWED = 0.3
@@ -137,7 +138,8 @@ def crossings(family: Family, step: Step, earlier: Step | None, notes: list[str]
         low, high = parts.pop(0)
         inside = _single(family, low, high)
         ends = list(_sides(low, high, inside))
-        long = (high.place - low.place) * step.length > _NARROW
+        least = _SINGULAR if "branch_point" in (low.kind, high.kind) else _NARROW
+        long = (high.place - low.place) * step.length > least
         if not inside and long and (_differs(low, high) or _doubtful(known, low, high)):
             ends = _cut(family, low, high)
         found += inside
@@ -256,11 +258,13 @@ def _may_return(known: list[_End], low: _End, high: _End) -> bool:
     before = max((one for one in known if one.place < low.place), key=lambda one: one.place, default=None)
     beyond = min((one for one in known if one.place > high.place), key=lambda one: one.place, default=None)
     error = 0.5 * np.abs(b - a) if before is beyond is None else np.zeros(a.size)
-    for one, place, here in ((before, low.place, a), (beyond, high.place, b)):
+    for one, end, here in ((before, low, a), (beyond, high, b)):
         if one is not None:
-            slope = (matched(here, one.logarithms) - here) / (one.place - place)
-            # Farther away than the part is long nothing is known of where the slope changes.
-            away = size + min(abs(one.place - place), size)
+            slope = (matched(here, one.logarithms) - here) / (one.place - end.place)
+            # Farther away than the part is long nothing is known of where the slope changes. Parts of any lengths meet
+            # at a fold or a branch point, beside which it changes evenly.
+            away = abs(one.place - end.place)
+            away = size + (away if _WHICH.get(end.kind) == 0 else min(away, size))
             error = np.maximum(error, 0.25 * np.abs((b - a) / size - slope) * size**2 / away)
     # One that crosses is found beforehand, unless another one crosses the other way.
     nearest = np.minimum(np.abs(a.real), np.abs(b.real))
