@@ -116,6 +116,11 @@ class _End:
     logarithms: Complex
     kind: str = ""
 
+    @property
+    def at_one(self) -> bool:
+        """Whether it is a special point at which a multiplier is 1."""
+        return _WHICH.get(self.kind) == 0
+
 
 def crossings(family: Family, step: Step, earlier: Step | None, notes: list[str]) -> list[SpecialPoint]:
     """Return the special points of a step, in the order of the branch; `earlier` is the step before it, if known.
@@ -174,7 +179,7 @@ def _differs(low: _End, high: _End) -> bool:
     if changes is None or not low.point.chart.segmented:
         turned |= low.orientation != high.orientation
         return turned or (changes is not None and any(changes[1:]))
-    if 0 in (_WHICH.get(low.kind), _WHICH.get(high.kind)):
+    if low.at_one or high.at_one:
         return any(changes[changes.plus % 2 :])
     return turned or any(changes)
 
@@ -188,11 +193,11 @@ def _sides(low: _End, high: _End, found: list[SpecialPoint]) -> Iterator[_End]:
     for one in found:
         if not low.place + _ROUGH * size < one.place < high.place - _ROUGH * size:
             continue
-        end, at_one = _end(one.point, one.place), _WHICH[one.kind] == 0
+        end = replace(_end(one.point, one.place), kind=one.kind)
         passes = not (turned and one.kind == "branch_point")
-        heading = -low.heading if turned and at_one else low.heading
-        side = -low.orientation if passes and at_one else low.orientation
-        before = replace(end, kind=one.kind, heading=low.heading, orientation=low.orientation)
+        heading = -low.heading if turned and end.at_one else low.heading
+        side = -low.orientation if passes and end.at_one else low.orientation
+        before = replace(end, heading=low.heading, orientation=low.orientation)
         after = replace(before, heading=heading, orientation=side)
         if low.counts is not None and end.counts is not None:
             values = multipliers(one.point)
@@ -264,7 +269,7 @@ def _may_return(known: list[_End], low: _End, high: _End) -> bool:
             # Farther away than the part is long nothing is known of where the slope changes. Parts of any lengths meet
             # at a fold or a branch point, beside which it changes evenly.
             away = abs(one.place - end.place)
-            away = size + (away if _WHICH.get(end.kind) == 0 else min(away, size))
+            away = size + (away if end.at_one else min(away, size))
             error = np.maximum(error, 0.25 * np.abs((b - a) / size - slope) * size**2 / away)
     # One that crosses is found beforehand, unless another one crosses the other way.
     nearest = np.minimum(np.abs(a.real), np.abs(b.real))
