@@ -14,6 +14,7 @@ from vofem.studies.steady.family import Family
 from vofem.studies.steady.follow import FIRST, Follower
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.point import Point, corrected, derivative_by_value, scales_of
+from vofem.studies.steady.shooting import CLOSES
 from vofem.studies.steady.special import SpecialPoint
 
 #: Relative difference below which two solutions are the same orbit, and first steps that are tried on a leaving branch.
@@ -24,14 +25,34 @@ _DIFFERENCE = 1e-4
 
 
 def branch_of(walker: Follower) -> Branch:
-    """Return a branch that has been followed."""
+    """Return a branch that has been followed, without orbits that an ordinary run does not repeat."""
+    orbits, values = [point.orbit() for point in walker.points], np.array([point.value for point in walker.points])
+    listed = np.flatnonzero([_repeats(*pair) for pair in zip(walker.points, orbits, strict=True)])
+    found = walker.found()
+    if listed.size < len(orbits):
+        left = np.delete(np.arange(len(orbits)), listed)
+        worst = max(max(orbits[k].residual, walker.points[k].evaluation.rounding) for k in left)
+        found["notes"] = [
+            f"{left.size} of {len(orbits)} orbits are left out, between {values[left].min():.9g} and "
+            f"{values[left].max():.9g}: a run over one period magnifies rounding so much that it repeats them to "
+            f"{worst:.1e} of the motion only, and not to {CLOSES:g}",
+            *found["notes"],
+        ]
+        places = np.interp([one.place for one in found["special"]], listed, np.arange(listed.size))
+        found["special"] = [replace(one, place=float(at)) for one, at in zip(found["special"], places, strict=True)]
+        found["counters"] = replace(found["counters"], points=listed.size)
     return Branch(
-        values=np.array([point.value for point in walker.points]),
-        orbits=[point.orbit() for point in walker.points],
+        values=values[listed],
+        orbits=[orbits[k] for k in listed],
         periods=walker.family.periods,
         _source=Sheets(walker),
-        **walker.found(),
+        **found,
     )
+
+
+def _repeats(point: Point, orbit: PeriodicOrbit) -> bool:
+    """Return whether an ordinary run repeats an orbit, whatever its rounding; harmonics have an error of their own."""
+    return orbit.method != "shooting" or max(orbit.residual, point.evaluation.rounding) <= CLOSES
 
 
 class Sheets:
@@ -86,7 +107,8 @@ class Sheets:
         except ConvergenceError:
             return None
         point = Point(first.chart, y, self.family.at(value), evaluation, first.scales, by_value, first.tangent)
-        return point.unknowns(), point.orbit()
+        orbit = point.orbit()
+        return (point.unknowns(), orbit) if _repeats(point, orbit) else None
 
     def switch(self, special: SpecialPoint) -> Branch:
         """Return the branch that leaves at a special point."""

@@ -31,6 +31,9 @@ from vofem.system import OPEN, State, System
 #: Degrees of freedom up to which all modes may be unknowns.
 MOST_UNKNOWNS = 600
 
+#: Largest difference of both ends of an orbit under an ordinary run, over the size of the motion.
+CLOSES = 1e-8
+
 
 def relative(residual: Array, sizes: tuple[float, float]) -> float:
     """Return the size of a difference of states over sizes of displacements and velocities."""
@@ -221,6 +224,9 @@ class Shooting(OrbitProblem):
         """Return the orbit of a solution, whose stability is not decided within a distance from the unit circle."""
         scene, duration, few, change = self.scene, self.duration, self.condensed, self.change
         state, kept = self.state(unknowns), None if few is None else few.truncation(duration, change)
+        residual, notes = evaluation.residual_of(unknowns), [] if kept is None else [kept.what]
+        if (left := max(residual, evaluation.rounding)) > CLOSES:
+            notes.append(f"a run over one period magnifies rounding: it repeats to {left:.1e} of the motion only")
         return PeriodicOrbit(
             OrbitSource(
                 scene=lambda: scene,
@@ -232,9 +238,9 @@ class Shooting(OrbitProblem):
             "shooting",
             self.loads.omega,
             self.periods,
-            residual=evaluation.closing,
+            residual=residual,
             truncation=kept,
-            notes=[] if kept is None else [kept.what],
+            notes=notes,
             unknowns=np.array(unknowns),
             autonomous=autonomous,
             start=state,

@@ -31,7 +31,7 @@ from vofem.laws.friction import UP
 from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.newton import direction
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
-from vofem.studies.steady.shooting import Shooting, relative
+from vofem.studies.steady.shooting import CLOSES, Shooting, relative
 from vofem.system import CLOSED, PINNED
 
 #: Samples of an orbit from which its range is refined, samples among which extremes of gap functions are searched, and
@@ -62,9 +62,9 @@ AT_ONCE = 1e-9
 #: Difference of phases, over the orbit, up to which a switch of a flow is one of the signature.
 _SAME = 1e-5
 
-#: Largest difference of both ends of an orbit under an ordinary run, over the size of the motion. Where rounding of the
-#: unknowns, by a share of them, causes more, that is allowed, up to a limit.
-CLOSES, _DIGITS, _TOLD = 1e-8, 1e-15, 1e-6
+#: Rounding of the unknowns, as a share of them. A branch is followed through orbits of which a run misses so much by
+#: rounding; and what it may miss that is no reason to run an orbit a second time.
+_DIGITS, _TOLD, _SURE = 1e-15, 1e-6, 1e-12
 
 #: Length in rad of a touch that may be lost in rounding.
 _SHORT = 1e-5
@@ -210,9 +210,15 @@ class SignatureEvaluation:
         self.__dict__["closing"] = away = self._compared(flow)
         return self.chart.follows(self.problem, self.y, flow) and (away <= CLOSES or away <= self.rounding)
 
-    def _compared(self, flow: Flow) -> float:
+    def _compared(self, flow: Flow, unknowns: Array | None = None) -> float:
         after = self.problem.to_unknowns(flow.displacement, flow.velocity)
-        return relative(after - self.y[: self.problem.size], self.sizes)
+        return relative(after - (self.y[: self.problem.size] if unknowns is None else unknowns), self.sizes)
+
+    def residual_of(self, unknowns: Array) -> float:
+        """Return `closing`, or what a run from the orbit's unknowns at t = 0 misses, if it magnifies rounding more."""
+        if self.chart.anchor == 0.0 or self.rounding <= _SURE:
+            return self.closing
+        return max(self.closing, self._compared(self.problem.run(unknowns, check=True), unknowns))
 
     @cached_property
     def monodromy(self) -> Array | None:
