@@ -76,7 +76,7 @@ def test_work_for_the_bilinear_oscillator(bilinear_branch, slow_branch):
         counters = branch.counters
         assert counters.points == len(branch)
         assert counters.flows <= 6 * counters.points
-        assert counters.check_flows <= 1.2 * counters.points
+        assert counters.check_flows <= 2.3 * counters.points
         assert counters.eigensolves == 1
         assert len(branch) < 320
 
@@ -405,7 +405,7 @@ def test_bad_arguments():
     assert any("max_points" in note for note in branch.notes)
     # A limit says, as a loss does, what contacts do there: here the branch has just grazed the stop.
     branch = vf.continuation(jumping, 0.918, 1.5, max_points=8)
-    assert "raise max_points to go on; there contact 'stop' touches 1 times an orbit" in branch.notes[-1]
+    assert "raise max_points to go on; the orbit there has a touch at 'stop' for" in branch.notes[-1]
     branch = vf.continuation(bilinear, 3.0, 1.0, max_seconds=1e-3)
     assert 1 <= len(branch) < 5
     assert any("max_seconds" in note for note in branch.notes)

@@ -34,13 +34,13 @@ def branch_of(walker: Follower) -> Branch:
         worst = max(max(orbits[k].residual, walker.points[k].evaluation.rounding) for k in left)
         found["notes"] = [
             f"{left.size} of {len(orbits)} orbits are left out, between {values[left].min():.9g} and "
-            f"{values[left].max():.9g}: a run over one period magnifies rounding so much that it repeats them to "
-            f"{worst:.1e} of the motion only, and not to {CLOSES:g}",
+            f"{values[left].max():.9g}: an ordinary run over one period, which magnifies rounding there, repeats them "
+            f"to {worst:.1e} of the motion only, and not to {CLOSES:g}",
             *found["notes"],
         ]
         places = np.interp([one.place for one in found["special"]], listed, np.arange(listed.size))
         found["special"] = [replace(one, place=float(at)) for one, at in zip(found["special"], places, strict=True)]
-        found["counters"] = replace(found["counters"], points=listed.size)
+    found["counters"] = replace(found["counters"], points=listed.size, check_flows=walker.family.work.checks)
     return Branch(
         values=values[listed],
         orbits=[orbits[k] for k in listed],

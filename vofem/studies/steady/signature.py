@@ -63,8 +63,8 @@ AT_ONCE = 1e-9
 _SAME = 1e-5
 
 #: Rounding of the unknowns, as a share of them. A branch is followed through orbits of which a run misses so much by
-#: rounding; and what it may miss that is no reason to run an orbit a second time.
-_DIGITS, _TOLD, _SURE = 1e-15, 1e-6, 1e-12
+#: rounding.
+_DIGITS, _TOLD = 1e-15, 1e-6
 
 #: Length in rad of a touch that may be lost in rounding.
 _SHORT = 1e-5
@@ -215,10 +215,10 @@ class SignatureEvaluation:
         return relative(after - (self.y[: self.problem.size] if unknowns is None else unknowns), self.sizes)
 
     def residual_of(self, unknowns: Array) -> float:
-        """Return `closing`, or what a run from the orbit's unknowns at t = 0 misses, if it magnifies rounding more."""
-        if self.chart.anchor == 0.0 or self.rounding <= _SURE:
+        """Return what an ordinary run from the orbit's unknowns at t = 0 misses after an orbit."""
+        if self.chart.anchor == 0.0:
             return self.closing
-        return max(self.closing, self._compared(self.problem.run(unknowns, check=True), unknowns))
+        return self._compared(self.problem.run(unknowns, check=True), unknowns)
 
     @cached_property
     def monodromy(self) -> Array | None:

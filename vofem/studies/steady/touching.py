@@ -578,36 +578,48 @@ def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[i
 
 
 def what_contacts_do(point: Point) -> str:
-    """Return what contacts do that may end a branch at an orbit: rests, impacts without end, grazings; "" for none."""
+    """Return what of an orbit most likely ends a branch there, as the end of a sentence; "" for nothing.
+
+    These are, the most likely first: sliders and contacts that rest, impacts without end, short touches, grazings.
+    """
     chart = point.chart
     laws = point.problem.system.contacts if isinstance(chart, Signature) else None
     if laws is None:
         return ""
-    lengths = chart.lengths(point.y[:-1])
-    found = []
+    found: dict[tuple[int, str], list[str]] = {}
     for contact, name in enumerate(laws.names):
-        if contact >= len(laws) - len(point.problem.given.sliders or ()):
-            if all(status[contact] == PINNED for status in chart.statuses):
-                found.append(f"friction {name!r} sticks all along, so that its body may rest in many places")
-            continue
-        if any(status[contact] == PINNED for status in chart.statuses):
-            found.append(f"contact {name!r} rests at its gap for a part of the orbit")
-        mine = [(p, k) for p, k in chart.touches if chart.switches[p].contact == contact]
-        for status, what in ((CLOSED, "touches"), (OPEN, "opens")):
-            times = [lengths[p + 1 : k + 1].sum() for p, k in mine if chart.switches[p].status == status]
-            if min(times, default=np.inf) < _NEARLY:
-                found.append(
-                    f"contact {name!r} {what} {len(times)} times an orbit, once for {min(times):.2g} rad of the load"
-                )
-        if _law(point.problem, contact) == "jump" and len(mine) > _SEQUENCE:
-            found.append(f"its force jumps, so that it may chatter: touches of {name!r} may become infinitely many")
-        hits = chart.struck.count(contact)
-        if hits > _SEQUENCE:
-            found.append(f"{name!r} is hit {hits} times an orbit: impacts may become infinitely many")
-        near = [-e.height for e in point.evaluation.extremes if e.contact == contact and e.height > -_CLOSE]
-        if near:
-            found.append(f"contact {name!r} comes within {max(min(near), 0.0):.2g} of the motion to its gap")
-    return "; there " + ", and ".join(found) if found else ""
+        kind, hits = _law(point.problem, contact), chart.struck.count(contact)
+        rests = [status[contact] == PINNED for status in chart.statuses]
+        count, shortest, what = _short_touches(point, contact)
+        touches = f"{what} at {{}}{', the shortest' if count > 1 else ''} for {shortest:.2g} rad of the load"
+        near = min((-e.height for e in point.evaluation.extremes if e.contact == contact), default=np.inf)
+        for rank, (holds, told) in enumerate((
+            (kind == "stick" and all(rests), "{} sticking all along, so that bodies may rest in many places"),
+            (kind != "stick" and any(rests), "{} resting at the gap for a part of it"),
+            (kind == "jump" and count > _SEQUENCE, touches + ": where a force jumps they may become infinitely many"),
+            (hits > _SEQUENCE, f"{hits} impacts on {{}}, which may become infinitely many"),
+            (shortest < _NEARLY, touches),
+            (near < _CLOSE, f"{{}} within {max(near, 0.0):.2g} of the motion of the gap"),
+        )):  # fmt: skip
+            if holds:
+                found.setdefault((rank, told), []).append(repr(name))
+                break
+    first = min(found, default=(0, ""))[0]
+    parts = [told.format(" and ".join(names)) for (rank, told), names in found.items() if rank == first]
+    return "; the orbit there has " + ", and ".join(parts) if parts else ""
+
+
+def _short_touches(point: Point, contact: int) -> tuple[int, float, str]:
+    """Return the number of touches or openings of a contact, the shortest in rad of the load, and words for them."""
+    chart, lengths = point.chart, point.chart.lengths(point.y[:-1])
+    found: dict[int, list[float]] = {CLOSED: [], OPEN: []}
+    for p, k in chart.touches:
+        if chart.switches[p].contact == contact:
+            found[chart.switches[p].status].append(float(lengths[p + 1 : k + 1].sum()))
+    closed, opened = (min(found[status], default=np.inf) for status in (CLOSED, OPEN))
+    status, one, many = (CLOSED, "a touch", "touches") if closed <= opened else (OPEN, "an opening", "openings")
+    count = len(found[status])
+    return count, min(closed, opened), f"{count} {many}" if count > 1 else one
 
 
 def _not_turned(short: Point, outside: Point) -> Point:
