@@ -191,3 +191,37 @@ def test_a_mass_that_a_jump_of_force_lets_go_of_has_the_multipliers_of_its_run()
         expected = np.linalg.eigvals(change)
         found = orbit.multipliers[np.abs(orbit.multipliers) > 1e-9]
         assert np.sort_complex(found) == pytest.approx(np.sort_complex(expected), abs=1e-6)
+
+
+def test_two_masses_that_one_jump_lets_go_of_have_the_multipliers_of_their_run() -> None:
+    """The jump lifts one mass off the other, which its own load then lifts off the floor; both return in a period."""
+    period = 2.0 * np.pi / 4.5
+    low, high, moves = (
+        vf.Mass(mass, stiffness=stiffness, damping=damping, name=name)
+        for mass, stiffness, damping, name in (
+            (1.0, 30.0, 2.5, "low"), (0.8, 20.0, 2.0, "high"), (0.9, 25.0, 0.8, "moves"),
+        )
+    )  # fmt: skip
+    floor = vf.RigidStop(low, gap=0.0, restitution=0.0, side="below", name="floor")
+    between = vf.RigidStop(low, high, gap=0.0, restitution=0.0, name="between")
+    jump = vf.Contact(moves, high, gap=0.1, stiffness=90.0, acts_on="displacement", name="jump")
+    pushes = vf.Constant(0.6), vf.Constant(-2.0), vf.Sine(2.0, 4.5)
+    loads = [vf.PointLoad(mass, push) for mass, push in zip((low, high, moves), pushes, strict=True)]
+    scene = vf.Scene([low, high, moves], [floor, between, jump, *loads])
+
+    def after(state: np.ndarray) -> tuple[np.ndarray, vf.Result]:
+        initial = {low: (0.0, 0.0), high: (0.0, 0.0), moves: tuple(state)}
+        run = vf.simulate(scene, period, method="event_driven", times=np.array([period]), initial=initial)
+        return np.array([run.displacement(moves)[-1], run.velocity(moves)[-1]]), run
+
+    settled = vf.simulate(scene, 40.0 * period, method="event_driven", times=np.array([40.0 * period]))
+    orbit = vf.periodic(scene, guess=settled)
+    state = np.array(orbit.state_of("moves"), dtype=float).ravel()
+    back, run = after(state)
+    assert back == pytest.approx(state, abs=1e-10)
+    lifted = [run.contacts[name].pinned[0, 1] for name in ("between", "floor")]
+    assert lifted == [run.contacts["jump"].closings[0]] * 2
+    steps = 1e-6 * np.eye(2)
+    change = np.array([(after(state + d)[0] - after(state - d)[0]) / 2e-6 for d in steps]).T
+    found = orbit.multipliers[np.abs(orbit.multipliers) > 1e-9]
+    assert np.sort_complex(found) == pytest.approx(np.sort_complex(np.linalg.eigvals(change)), abs=1e-6)

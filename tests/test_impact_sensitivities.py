@@ -214,6 +214,43 @@ def test_a_force_that_jumps_lets_go_of_what_rests_and_moves_its_release() -> Non
     np.testing.assert_allclose(gradient, 2.0 * result.displacement(body) @ found.displacement(body), rtol=1e-10)
 
 
+@pytest.mark.parametrize("cause", ["another contact", "a load"])
+def test_jumps_of_force_let_go_of_all_that_rests_at_their_own_time(cause: str) -> None:
+    """A jump lifts a body off another one, which its own load then lifts off the floor; the jump of a load is fixed."""
+
+    def parted(speed: float) -> vf.Result:
+        low, high, striker = (vf.Mass(1.0, stiffness=k, damping=0.1, name=f"k = {k:g}") for k in (3.0, 4.0, 5.0))
+        floor = vf.RigidStop(low, gap=0.0, restitution=0.0, side="below", name="floor")
+        between = vf.RigidStop(low, high, gap=0.0, restitution=0.0, name="between")
+        jump = vf.Contact(striker, high, gap=0.1, stiffness=90.0, acts_on="displacement", name="jump")
+        push = vf.Pulse(6.0, 0.15, 1.0) if cause == "a load" else vf.Constant(0.0)
+        loads = [vf.PointLoad(low, vf.Constant(1.0) + vf.Sine(0.5, 3.0)), vf.PointLoad(high, vf.Constant(-2.0) + push)]
+        effects: list[Any] = [floor, between, vf.Spring(low, striker, stiffness=0.2), *loads]
+        if cause == "another contact":
+            effects.append(jump)
+        return vf.simulate(
+            vf.Scene([low, high, striker], effects, {low: (0.0, 0.0), high: (0.0, 0.0), striker: (0.0, speed)}), 0.35,
+            method="event_driven", times=np.linspace(0.0, 0.35, 15),
+        )  # fmt: skip
+
+    result, above, below = (parted(1.0 + step) for step in (0.0, 1e-5, -1e-5))
+    releases = [result.contacts[name].pinned[0, 1] for name in ("floor", "between")]
+    assert releases[0] == releases[1]
+    assert cause != "a load" or releases[0] == 0.15
+    striker = result.scene.bodies[2]
+    found = vf.sensitivities(result, [vf.Parameter(striker, "initial.velocity")])
+    for name in ("floor", "between"):
+        expected = (above.contacts[name].pinned[0, 1] - below.contacts[name].pinned[0, 1]) / 2e-5
+        assert found.contacts[name].impacts.opening[0, 0] == pytest.approx(expected, abs=1e-9)
+    for k, body in enumerate(result.scene.bodies):
+        one, two = (each.displacement(each.scene.bodies[k]) for each in (above, below))
+        np.testing.assert_allclose(found.displacement(body)[:, 0], (one - two) / 2e-5, atol=1e-9)
+    low = result.scene.bodies[0]
+    objective = vf.objectives.sum_of_squares(low, result.times, np.zeros(result.times.size))
+    gradient = vf.gradient(result, objective, found.parameters)
+    np.testing.assert_allclose(gradient, 2.0 * result.displacement(low) @ found.displacement(low), rtol=1e-7)
+
+
 def test_a_bouncing_ball_has_the_derivatives_of_its_closed_form() -> None:
     """Times t_n = t_0 (1 + 2 e (1 - e^n)/(1 - e)), up to their accumulation, by e, g's load and the height."""
     e, height, g, mass = 0.6, 0.5, 9.81, 1.3

@@ -366,3 +366,16 @@ def test_a_stop_at_which_a_body_rests_holds_it_in_a_plastic_impact() -> None:
     found = vf.sensitivities(result, [vf.Parameter("push", "f.value"), vf.Parameter("ball", "mass")])
     for name in ("under", "between"):
         np.testing.assert_allclose(found.contacts[name].impacts.impulse, [[1.5, 0.3]], atol=1e-13)
+
+
+def test_stops_that_share_a_load_in_no_unique_way_are_told() -> None:
+    """Two bodies rest at their own stops and at each other."""
+    one, two = vf.Mass(1.0, stiffness=3.0, name="one"), vf.Mass(1.0, stiffness=3.0, name="two")
+    stops = [
+        vf.RigidStop(body, gap=0.0, restitution=0.0, side="below", name=f"under {body.name}") for body in (one, two)
+    ]
+    between = vf.RigidStop(one, two, gap=0.0, restitution=0.0, name="between")
+    loads = [vf.PointLoad(one, vf.Sine(0.5, 3.0) + vf.Constant(-2.0)), vf.PointLoad(two, vf.Constant(-2.0))]
+    scene = vf.Scene([one, two], [*stops, between, *loads])
+    with pytest.raises(vf.SingularSystemError, match=r"'under one' and .*'between' hold bodies at rest at once"):
+        vf.simulate(scene, 1.0, method="event_driven")

@@ -81,26 +81,16 @@ class Backward:
 
     def _event(self, index: int, meeting: Meeting, weight: Array) -> Array:
         """Return the weight of the state before the events at the end of a segment, or of that at the start."""
-        forward, n, scale = self._forward, self._forward.modal.size, self._forward.modal.scale
-        before, passage = weight.copy(), meeting.passage
-        if passage is not None:
-            explicit, by_v = forward.explicit(meeting), weight[n:]
-            z, v, off, slow, meets = passage.back(weight[:n] * scale, by_v)
-            before = np.concatenate([z / scale, v])
-            self._gradient += off @ explicit.off + slow @ explicit.slow + meets @ explicit.meets
-            self._gradient += by_v @ explicit.velocity
-        for number in meeting.numbers:
-            j, counted = int(forward.events.contact[number]), float(self._linear.events[number])
-            if not counted:
-                continue
-            if (k := meeting.met_by(j)) is None:
-                row, rate, fixed = forward.release(index, j, int(meeting.after[j]), meeting.state)
-            else:
-                assert passage is not None
-                row, rate = np.concatenate([passage.rows[k] / scale, np.zeros(n)]), float(passage.rates[k])
-                fixed = explicit.meets[k]
-            before -= counted / rate * row
-            self._gradient -= counted / rate * fixed
+        forward, n, scale, passage = self._forward, self._forward.modal.size, self._forward.modal.scale, meeting.passage
+        explicit, by_v = forward.explicit(meeting), weight[n:]
+        z, v, off, meets = passage.back(weight[:n] * scale, by_v)
+        before = np.concatenate([z / scale, v])
+        self._gradient += off @ explicit.off + meets @ explicit.meets + by_v @ explicit.velocity
+        for number in passage.numbers:
+            if counted := float(self._linear.events[number]):
+                row, rate, fixed = forward.timing(index, meeting, int(forward.events.contact[number]), explicit)
+                before -= counted / rate * row
+                self._gradient -= counted / rate * fixed
         return before
 
     # -- segments ---------------------------------------------------------------------------------

@@ -144,9 +144,9 @@ def powers(forward: Forward, meeting: Meeting) -> list[tuple[int, float]]:
     laws, modal = forward.modal.laws, forward.modal
     assert laws is not None
     found = []
-    for number in meeting.numbers:
+    for number in meeting.passage.numbers:
         j, entered = int(forward.events.contact[number]), int(forward.events.status[number])
         rate = float(modal.contacts[j] @ meeting.state[modal.size :])
-        if {int(meeting.before[j]), entered} == {OPEN, CLOSED}:
+        if {int(meeting.passage.before[j]), entered} == {OPEN, CLOSED}:
             found.append((number, laws.damping[j] * rate**2 * (-1.0 if entered == CLOSED else 1.0)))
     return found

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
-from vofem.integrators.event_driven.tangent import Passage, acceleration, shares
+from vofem.integrators.event_driven.tangent import FIXED, REACTION, Passage, acceleration, shares
 from vofem.sensitivities.flow import Basis, Block, Closed, Segment, basis_of
 from vofem.sensitivities.forcing import Forcing, derivative_waves, forcing_of, waves_of
 from vofem.sensitivities.impacts import Impact
@@ -77,38 +77,21 @@ class Crossing:
     jump: float  #: Size of the jump of velocities per second by which the event comes later.
 
 
-@dataclass
-class Meeting:
+class Meeting(NamedTuple):
     """The events between two segments, or what holds pinned contacts at the start."""
 
-    numbers: range  #: The events in the log.
-    #: `before`, `after`: status before and after, shape (n_contacts,).
-    before: Status
-    after: Status
+    passage: Passage  #: What it does to changes.
     state: Array  #: Scaled state before, shape (2n,).
     ends: Array  #: Derivatives of the scaled state before, at a fixed time, shape (2n, p).
-    passage: Passage | None  #: What it does to changes; None where pinned contacts are released only.
-    impact: Impact | None = None  #: Where a rigid stop is hit.
-
-    def met_by(self, contact: int) -> int | None:
-        """Return which of the passage's contacts determines the time of an event; None for a reaction."""
-        if self.passage is None:
-            return None
-        if contact in self.passage.contacts:
-            return self.passage.contacts.index(contact)
-        # An impact, or another contact that has just switched, lets go of what rests elsewhere.
-        just = [j for j in self.passage.contacts if self.before[j] == self.after[j]]
-        return 0 if self.impact is not None or just else None
 
 
 class Explicit(NamedTuple):
-    """What parameters change at events at a fixed state; see `Passage` for the first three, (h, p) and (k, p)."""
+    """What parameters change at events at a fixed state; see `Passage` for the first two, (h, p) and (k, p)."""
 
     off: Array
-    slow: Array
     meets: Array
     velocity: Array  #: Derivatives of the velocity after an impact, shape (n, p).
-    impulse: Array  #: Derivatives of its impulses, shape (k, p).
+    impulse: Array  #: Derivatives of its impulses, shape (h, p).
 
 
 @dataclass
@@ -125,6 +108,8 @@ class Forward:
     def __post_init__(self) -> None:
         self.segments = self.solution.segments
         self.events: Events = self.solution.events
+        laws = self.modal.laws
+        self.rigid = np.zeros(0, dtype=bool) if laws is None else laws.rigid
         self._flows: dict[bytes, StatusFlow] = {}
         self.event_times = np.full((self.events.time.size, len(self.changes)), np.nan)
         self._starts: list[Array] = []
@@ -241,16 +226,13 @@ class Forward:
             piece = self.closed(index)
             ends = self._starts[-1] if self.bare else piece.ends()
             z, v = ends[:n] / scale, ends[n:]
-            numbers = record.events_after(index)
-            if not numbers:
+            if not record.events_after(index):
                 continue
-            before, after = segments.status[index], self._status_after(index, numbers)
             state = piece.states(np.array([segments.durations[index]]))[:, 0]
-            passage = self.solution.passage(index, (after, *self._split(state)))
-            impact = self._impact(after, numbers, state)
-            self.meetings[index] = Meeting(numbers, before, after, state, ends, passage, impact)
-            if not self.bare:
-                z, v = self._pass(index, self.meetings[index], z, v)
+            if (passage := self.solution.passage(index, self._split(state))) is not None:
+                self.meetings[index] = Meeting(passage, state, ends)
+                if not self.bare:
+                    z, v = self._pass(index, self.meetings[index], z, v)
         return np.concatenate([scale * z, v])
 
     def _resting(self) -> Meeting | None:
@@ -260,14 +242,10 @@ class Forward:
         if not held.size:
             return None
         rows, none = self.modal.contacts[held], np.zeros((0, n))
-        passage = Passage([], none, np.zeros(0), none.T, held.tolist(), rows, shares(rows))
-        return Meeting(range(0), status, status, self.state(0), np.zeros((2 * n, 0)), passage)
-
-    def _status_after(self, index: int, numbers: range) -> Status:
-        """Return the status after the events at the end of a segment."""
-        status = np.array(self.segments.status[index])
-        status[self.events.contact[numbers]] = self.events.status[numbers]
-        return status
+        passage = Passage(
+            range(0), status, status, [], none, np.zeros(0), none.T, held.tolist(), rows, shares(rows), 1.0, status
+        )
+        return Meeting(passage, self.state(0), np.zeros((2 * n, 0)))
 
     def _split(self, state: Array) -> tuple[Array, Array]:
         n = self.modal.size
@@ -276,66 +254,58 @@ class Forward:
     def _pass(self, index: int, meeting: Meeting, z: Array, v: Array) -> tuple[Array, Array]:
         """Return the derivatives after the events at the end of a segment, z and v being those before, (n, p)."""
         passage, explicit = meeting.passage, self.explicit(meeting)
-        for number in meeting.numbers:
+        before = np.concatenate([self.modal.scale[:, None] * z, v])
+        for number in passage.numbers:
             j = int(self.events.contact[number])
-            if (k := meeting.met_by(j)) is None:
-                reaction, rate, fixed = self.release(index, j, int(meeting.after[j]), meeting.state)
-                own = reaction @ np.concatenate([self.modal.scale[:, None] * z, v]) + fixed
-            else:
-                assert passage is not None
-                rate, own = float(passage.rates[k]), passage.rows[k] @ z + explicit.meets[k]
+            row, rate, fixed = self.timing(index, meeting, j, explicit)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                self.event_times[number] = -(row @ before + fixed) / rate
+            if j in passage.contacts:
+                k = passage.contacts.index(j)
                 jump = float(np.linalg.norm(passage.kick[:, k]) * np.linalg.norm(passage.rows[k]))
                 self.crossings.append(Crossing(float(self.events.time[number]), j, rate, jump))
-            with np.errstate(divide="ignore", invalid="ignore"):
-                self.event_times[number] = -own / rate
-        if passage is None:
-            return z, v
-        if meeting.impact is not None:
-            first = meeting.numbers[0]
+        struck = {int(self.events.contact[number]): number for number in reversed(passage.numbers)
+                  if self.rigid[self.events.contact[number]] and self.events.status[number] != OPEN}  # fmt: skip
+        if struck:
             displacement, velocity = self._split(meeting.state)
-            load = self.solution.load(float(self.events.time[first]))
-            push = acceleration(self.solution.space, self.modal.laws, meeting.before, displacement, velocity, load)
-            own = {int(self.events.contact[number]): number for number in reversed(meeting.numbers)}
-            for k, j in enumerate(meeting.impact.contacts):
-                number = own.get(j, first)
+            load = self.solution.load(float(self.events.time[passage.numbers[0]]))
+            push = acceleration(self.solution.space, self.modal.laws, passage.before, displacement, velocity, load)
+            first, impact = min(struck.values()), Impact(passage, velocity)
+            for k, j in enumerate(impact.contacts):
+                number = struck.get(j, first)
                 there = v + np.outer(push, self.event_times[number])
-                self.impulses[number, j] = meeting.impact.impulses(there)[k] + explicit.impulse[k]
-        z, v = passage.passed(z, v, off=explicit.off, slow=explicit.slow, meets=explicit.meets)
+                self.impulses[number, j] = impact.impulses(there)[k] + explicit.impulse[k]
+        z, v = passage.passed(z, v, off=explicit.off, meets=explicit.meets)
         return z, v + explicit.velocity
+
+    def timing(self, index: int, meeting: Meeting, j: int, explicit: Explicit) -> tuple[Array, float, Array]:
+        """Return what determines when a contact changes at the end of a segment.
+
+        This is a function that reaches zero: its derivatives by the scaled state (2n,), by time, and by the parameters
+        at a fixed state (p,).
+        """
+        passage, n = meeting.passage, self.modal.size
+        k = int(passage.by[j])
+        if k == REACTION:
+            return self.release(index, j, int(passage.after[j]), meeting.state)
+        if k == FIXED:
+            return np.zeros(2 * n), 1.0, np.zeros(len(self.changes))
+        return np.append(passage.rows[k] / self.modal.scale, np.zeros(n)), float(passage.rates[k]), explicit.meets[k]
 
     def explicit(self, meeting: Meeting) -> Explicit:
         """Return what parameters change at events at a fixed state."""
         n, p, passage = self.modal.size, len(self.changes), meeting.passage
-        if passage is None:
-            none = np.zeros((0, p))
-            return Explicit(none, none, none, np.zeros((n, p)), none)
         displacement, velocity = self._split(meeting.state)
         off, meets = (
             np.array([self.gap_changes(j, displacement) for j in contacts]).reshape(-1, p)
             for contacts in (passage.restrained, passage.contacts)
         )
-        slow, turned = np.zeros_like(off), np.zeros((n, p))
-        impulse = np.zeros((0 if meeting.impact is None else len(meeting.impact.contacts), p))
-        stopped = velocity - passage.share @ (passage.held @ velocity)
-        for k, change in enumerate(self.changes):
-            if meeting.impact is not None:
-                turned[:, k], impulse[:, k] = meeting.impact.by(change)
-            elif change.contacts is not None:
-                slow[:, k] = change.contacts[passage.restrained] @ stopped
-        return Explicit(off, slow, meets, turned, impulse)
-
-    def _impact(self, after: Status, numbers: range, state: Array) -> Impact | None:
-        """Return the impact on a rigid stop that events are, None for others; `state` (2n,) is that before them."""
-        laws, velocity = self.modal.laws, self._split(state)[1]
-        assert laws is not None
-        j = int(self.events.contact[numbers[0]])
-        entered = int(self.events.status[numbers[0]])
-        if not laws.rigid[j] or entered == OPEN:
-            return None
-        if entered == CLOSED:
-            return Impact([j], self.modal.contacts[[j]], float(laws.restitution[j]), velocity)
-        held = [j, *(k for k in np.flatnonzero(after == PINNED).tolist() if k != j)]
-        return Impact(held, self.modal.contacts[held], 0.0, velocity)
+        turned, impulse = np.zeros((n, p)), np.zeros_like(off)
+        if passage.restrained:
+            impact = Impact(passage, velocity)
+            for k, change in enumerate(self.changes):
+                turned[:, k], impulse[:, k] = impact.by(change)
+        return Explicit(off, meets, turned, impulse)
 
     def gap_changes(self, j: int, displacement: Array) -> Array:
         """Return the derivatives of a gap function at fixed modal displacements, shape (p,)."""

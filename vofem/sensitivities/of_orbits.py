@@ -180,7 +180,7 @@ class OrbitSensitivities(MotionSensitivities):
             meeting = forward.meetings.get(index)
             ended = self.period if index == last else np.zeros(p)
             if meeting is not None:
-                ended = times[meeting.numbers[0]]
+                ended = times[meeting.passage.numbers[0]]
             for k in range(p):
                 own = parts.get(k, 0.0) + (matrix @ whole) * (ended[k] - began[k])
                 changes[k] = own @ product + whole @ changes[k]
@@ -220,13 +220,13 @@ class OrbitSensitivities(MotionSensitivities):
         meeting = forward.meetings[index]
         velocity = meeting.state[n:]
         ends = self._total(meeting.ends)
-        equation = forward.flow(meeting.before).equation
+        equation = forward.flow(meeting.passage.before).equation
         tau = float(forward.segments.durations[index])
         acceleration = equation.matrix[n:] @ meeting.state + forward.forces(index)[1].at(tau)
         whole, parts = np.eye(2 * n), [np.zeros((2 * n, 2 * n)) for _ in range(p)]
-        for number in meeting.numbers:
+        for number in meeting.passage.numbers:
             j = int(forward.events.contact[number])
-            sign = 1.0 if meeting.before[j] == OPEN and forward.events.status[number] == CLOSED else -1.0
+            sign = 1.0 if meeting.passage.before[j] == OPEN and forward.events.status[number] == CLOSED else -1.0
             row = modal.contacts[j]
             rate = float(row @ velocity)
             lever = laws.stiffness[j] * (laws.gap[j] - laws.offset[j])

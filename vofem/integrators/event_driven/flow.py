@@ -167,12 +167,12 @@ def flow(
             )
     displacement, velocity = follower.displacement, follower.velocity
     end = follower.status, displacement, velocity
-    monodromy = None if derivative is None else _changed(solution, derivative, end)
+    monodromy = None if derivative is None else _changed(solution, derivative, end[1:])
     return Flow(start, stop, displacement, velocity, monodromy, tuple(_events(solution, end)), solution)
 
 
-def _changed(solution: EventSolution, changes: Array, end: tuple[Status, Array, Array]) -> Array:
-    """Return changes of the state, shape (2n, k), after all segments and events of a flow; see `_events`."""
+def _changed(solution: EventSolution, changes: Array, end: tuple[Array, Array]) -> Array:
+    """Return changes of the state, shape (2n, k), after all segments and events of a flow, given its last state."""
     z, v = np.split(changes, 2)
     for index, duration in enumerate(solution.record.durations):
         z, v = drifted(solution.spectrum(index), z, v, duration)
@@ -190,13 +190,13 @@ def _events(solution: EventSolution, end: tuple[Status, Array, Array]) -> list[F
         inner = index + 1 < record.segments
         time = float(record.starts[index + 1] if inner else begin + duration)
         after, velocity = (record.status(index + 1), record.state(index + 1)[1]) if inner else end[::2]
-        if (struck := solution.bounced(index)) is not None:
+        before, struck = record.status(index), solution.bounced(index)
+        if struck is not None:
             events.append(FlowEvent(time, struck, OPEN, OPEN, float(space.contacts[struck] @ record.state(index)[1])))
-            continue
-        before = record.status(index)
         for j in np.flatnonzero(before != after).tolist():
-            rate = float(space.contacts[j] @ velocity)
-            events.append(FlowEvent(time, j, int(before[j]), int(after[j]), rate))
+            if j != struck:
+                rate = float(space.contacts[j] @ velocity)
+                events.append(FlowEvent(time, j, int(before[j]), int(after[j]), rate))
     return events
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
-from vofem.integrators.event_driven.segment import Segments, counted
+from vofem.integrators.event_driven.segment import Segments
 from vofem.system import Events
 
 Status = NDArray[np.int64]
@@ -103,6 +103,16 @@ class Record:
         first = int(logged[index]) if index >= 0 else 0
         return range(first, int(logged[following]) if following < self.segments else self.events)
 
+    def status_after(self, index: int) -> Status:
+        """Return the contact status after the events at the end of a segment."""
+        status, numbers = self.status(index).copy(), self.events_after(index)
+        status[self.buffers.event_contact[numbers]] = self.buffers.event_status[numbers]
+        return status
+
+    def still(self, index: int) -> bool:
+        """Return whether a segment has no duration but for rounding."""
+        return bool(self.starts[index] + self.durations[index] == self.starts[index])
+
     @property
     def last_status(self) -> Status:
         """The contact status of the last segment."""
@@ -150,8 +160,8 @@ class Record:
         times, contacts, status = parts.event_time[rows], parts.event_contact[rows], parts.event_status[rows]
         return Events(times.copy(), contacts.copy(), status.copy(), initial)
 
-    def fill(self, segments: Segments, log: Events, rigid: NDArray[np.bool_]) -> None:
-        """Take over the segments and events of an earlier run; `rigid` (n_contacts,) tells which stops are."""
+    def fill(self, segments: Segments, log: Events) -> None:
+        """Take over the segments and events of an earlier run."""
         count, events = segments.starts.size, log.time.size
         self.segments, self.events = 0, 0
         self.make_room(count, events)
@@ -161,7 +171,7 @@ class Record:
         for k, row in enumerate(np.ascontiguousarray(segments.status, dtype=np.int64)):
             parts.status[k] = self.number(row)
         parts.gaps[:count] = segments.gaps
-        parts.logged[:count] = counted(segments, log, rigid) if segments.logged is None else segments.logged
+        parts.logged[:count] = segments.logged
         parts.event_time[:events], parts.event_contact[:events] = log.time, log.contact
         parts.event_status[:events] = log.status
         self.segments, self.events = count, events

@@ -30,7 +30,7 @@ from vofem.integrators.event_driven.regime import Regime, Regimes, drift_of, fla
 from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.event_driven.sensitivity import growth_along
 from vofem.integrators.event_driven.spectrum import Spectrum
-from vofem.integrators.event_driven.tangent import Passage, bounce, let_go, passage
+from vofem.integrators.event_driven.tangent import Passage, passage
 from vofem.integrators.observer import interruption
 from vofem.integrators.registry import advice
 from vofem.integrators.unclosed import never_closed, open_throughout
@@ -224,8 +224,7 @@ class EventSolution:
 
     def _take_over(self, segments: Segments, events: Events) -> None:
         """Take over the segments and events of an earlier run."""
-        laws = self.given.contacts
-        self.record.fill(segments, events, np.zeros(0, dtype=bool) if laws is None else laws.rigid)
+        self.record.fill(segments, events)
         self._initial = events.initial
 
     def cut(self, t: float) -> None:
@@ -627,30 +626,43 @@ class EventSolution:
         j = int(parts.event_contact[numbers[0]])
         return j if laws.rigid[j] else None
 
-    def passage(self, index: int, end: tuple[Status, Array, Array] | None = None) -> Passage | None:
+    def _jumps(self, index: int) -> bool:
+        """Return whether forces or velocities may jump at the end of a segment: anything but releases does this."""
+        before, after = self.record.status(index), self.record.status_after(index)
+        return self.bounced(index) is not None or bool(np.any((before != after) & (before != PINNED)))
+
+    def passage(self, index: int, end: tuple[Array, Array] | None = None) -> Passage | None:
         """Return what the events at the end of a segment do to small changes, None where nothing happens there.
 
-        `end`: contact status and modal state, each (n,), at the end of the last segment; events there count with it.
+        What a jump of force lets go of at once, after segments of no duration, is part of the events of the jump.
+        `end`: modal state, each (n,), at the end of the last segment; events there count with it.
         """
-        laws, record = self.system.contacts, self.record
-        if laws is None or (index + 1 == record.segments and end is None):
+        laws, record, numbers = self.system.contacts, self.record, self.record.events_after(index)
+        inner = index + 1 < record.segments
+        if laws is None or not numbers or not (inner or end is not None):
             return None
-        before, t = record.status(index), float(record.starts[index] + record.durations[index])
-        if index + 1 < record.segments:
-            t, end = float(record.starts[index + 1]), (record.status(index + 1), *record.state(index + 1))
+        t = float(record.starts[index] + record.durations[index])
+        if inner:
+            t, end = float(record.starts[index + 1]), record.state(index + 1)
+        jumps, first, last = self._jumps(index), index, index
+        while jumps and last + 1 < record.segments and record.still(last + 1) and not self._jumps(last + 1):
+            if not record.events_after(last + 1):
+                break
+            last += 1
+        while not jumps and first > 0 and record.still(first):
+            first -= 1
+            if self._jumps(first):
+                return None
         assert end is not None
-        after, displacement, velocity = end
-        if (j := self.bounced(index)) is not None:
-            velocity = record.state(index)[1]
-            return bounce(self.space, laws, j, (before, after), displacement, velocity, self.load(t))
-        if np.array_equal(before, after):
-            return None
-        numbers = record.events_after(index - 1) if index and t == record.starts[index] else range(0)
-        if numbers and not np.any((before != after) & (before != PINNED)):
-            j = int(record.buffers.event_contact[numbers[-1]])
-            if before[j] != PINNED:
-                return let_go(self.space, laws, j, (before, after), displacement, velocity, self.load(t))
-        return passage(self.space, laws, before, after, displacement, velocity, self.load(t))
+        struck = self.bounced(index)
+        states = record.status(index), record.status_after(index), record.status_after(last)
+        velocity = end[1] if struck is None else record.state(index)[1]
+        # What is released after no time at which nothing else happens follows a jump of a load.
+        fixed = not jumps and (record.still(first) or not record.events_after(first))
+        return passage(
+            self.space, laws, range(numbers.start, record.events_after(last).stop), states, end[0], velocity,
+            self.load(t), struck=struck, fixed=fixed,
+        )  # fmt: skip
 
     @property
     def start_energy(self) -> float:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.cache import Cache
+from vofem.errors import SingularSystemError
 from vofem.integrators.event_driven.complex_modes import Blocks, damped_blocks, state_scale
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.linalg.eigen import modes_held, modes_of_strains
@@ -256,7 +257,15 @@ class Spectra:
             work = partial(modes_of_strains, space.stiffness, space.contacts[closed], laws.stiffness[closed])
             found = self._cache.get("closed modes", closed.tobytes(), lambda: self._counted(work), self.capacity)
             real = RealModes(*found, none, none)
-        return real if laws is None or not np.any(held) else self._pinned(real, space.contacts[held], laws.gap[held])
+        if laws is None or not np.any(held):
+            return real
+        try:
+            return self._pinned(real, space.contacts[held], laws.gap[held])
+        except np.linalg.LinAlgError:
+            raise SingularSystemError(
+                f"{' and '.join(laws.labels[j] for j in np.flatnonzero(held))} hold bodies at rest at once, but their "
+                "coordinates depend on each other, so the reactions are not unique; give one of them a stiffness"
+            ) from None
 
     def _pinned(self, closed: RealModes, pinned: Array, gap: Array) -> RealModes:
         """Return the modes with some contacts held at their gaps.

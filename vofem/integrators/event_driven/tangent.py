@@ -30,15 +30,22 @@ from vofem.system import CLOSED, PINNED, ContactLaws
 Status = NDArray[np.int64]
 
 
+#: What determines the time of an event: the contact's own reaction, or the time of a load's jump, which is fixed.
+REACTION, FIXED = -1, -2
+
+
 class Passage(NamedTuple):
     """What events at one time do to small changes of a modal state at a fixed time, each (n, p).
 
-        z' = z - share (held z + off),    v' = v - share (held v + slow) + kick (rows z + meets)
+        z' = z - share (held z + off),    v' = v - share held v + kick (rows z + meets)
 
-    `off`, `slow` and `meets` are what gap functions and their rates change by at a fixed state: zero unless the system
-    itself changes.
+    `off` and `meets` are what gap functions change by at a fixed state: zero unless the system itself changes.
     """
 
+    numbers: range  #: The events in the log.
+    #: `before`, `after`: contact status before and after, shape (n_contacts,).
+    before: Status
+    after: Status
     contacts: list[int]  #: The contacts whose gap functions reach zero.
     rows: Array  #: Their modal rows, shape (k, n).
     rates: Array  #: Rates of their gap functions before, m/s, shape (k,).
@@ -46,16 +53,19 @@ class Passage(NamedTuple):
     restrained: list[int]  #: The contacts that are pinned from here on, or the rigid stop that is hit.
     held: Array  #: Their modal rows, shape (h, n).
     share: Array  #: What removes their displacements and velocities, or turns these around, shape (n, h).
+    factor: float  #: 1 where it removes them, and more where something bounces.
+    #: The row that determines when each contact changes, where it does, or `REACTION` or `FIXED`, shape (n_contacts,).
+    by: Status
 
-    def passed(self, z: Array, v: Array, *, off: Any = 0.0, slow: Any = 0.0, meets: Any = 0.0) -> tuple[Array, Array]:
+    def passed(self, z: Array, v: Array, *, off: Any = 0.0, meets: Any = 0.0) -> tuple[Array, Array]:
         """Return the changes after the events."""
-        kicked = v - self.share @ (self.held @ v + slow) + self.kick @ (self.rows @ z + meets)
+        kicked = v - self.share @ (self.held @ v) + self.kick @ (self.rows @ z + meets)
         return z - self.share @ (self.held @ z + off), kicked
 
-    def back(self, z: Array, v: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """Return the transposed map of weights (n,) of the changes after it: those of z, v, off, slow and meets."""
-        off, slow, meets = -self.share.T @ z, -self.share.T @ v, self.kick.T @ v
-        return z + self.held.T @ off + self.rows.T @ meets, v + self.held.T @ slow, off, slow, meets
+    def back(self, z: Array, v: Array) -> tuple[Array, Array, Array, Array]:
+        """Return the transposed map of weights (n,) of the changes after it: those of z, v, off and meets."""
+        off, meets = -self.share.T @ z, self.kick.T @ v
+        return z + self.held.T @ off + self.rows.T @ meets, v - self.held.T @ (self.share.T @ v), off, meets
 
 
 def drifted(spectrum: Spectrum, z: Array, v: Array, duration: float) -> tuple[Array, Array]:
@@ -85,68 +95,52 @@ def shares(rows: Array) -> Array:
 
 
 def passage(
-    space: ModalSpace, laws: ContactLaws, before: Status, after: Status, displacement: Array, velocity: Array,
-    load: Array,
-) -> Passage | None:  # fmt: skip
-    """Return what switches and pinning do to changes; None where no force jumps and nothing is pinned.
+    space: ModalSpace, laws: ContactLaws, numbers: range, statuses: tuple[Status, Status, Status], displacement: Array,
+    velocity: Array, load: Array, *, struck: int | None = None, fixed: bool = False,
+) -> Passage:  # fmt: skip
+    """Return what events at one time do to changes.
 
-    `before`, `after`: contact status, shape (n_contacts,).
+    `numbers`: those of the events in the log.
+    `statuses`: before the events, after them, and after all that their jumps of force let go of at once, each of shape
+    (n_contacts,).
     `displacement`, `velocity`, `load`: modal state before the events, and modal load there, each (n,).
+    `struck`: the rigid stop off which something bounces.
+    `fixed`: whether a load's jump lets go of all that is released.
     """
-    contacts, now = space.contacts, np.flatnonzero(after == PINNED)
-    # A pinned contact is released as its reaction reaches the force of the status that follows: nothing jumps.
-    met = np.flatnonzero((before != after) & (before != PINNED))
-    pins = after[met] == PINNED
-    rows, rates = contacts[met], contacts[met] @ velocity
-    factors = np.where(pins, 0.0, switch_factors(laws, met, after[met] == CLOSED, rates))
+    contacts, (before, after, last) = space.contacts, statuses
+    met, held, factor = np.flatnonzero((before != after) & (before != PINNED)), np.zeros(0, dtype=np.int64), 1.0
+    if struck is not None:
+        met = held = np.array([struck])
+        factor += float(laws.restitution[struck])
+    elif np.any(after[met] == PINNED):
+        held = np.flatnonzero(after == PINNED)
+    rows, rates, pinned = contacts[met], contacts[met] @ velocity, contacts[held]
+    share = factor * shares(pinned)
+    # A pinned contact is released as its reaction reaches the force of the status that follows: nothing jumps. Bounces
+    # and contacts that are pinned change velocities and forces at once.
+    whole = (after[met] == PINNED) | (struck is not None)
     direction = rows - _onto(contacts[before == PINNED], rows.T).T
+    factors = np.where(whole, 0.0, switch_factors(laws, met, after[met] == CLOSED, rates))
     kick = np.where(factors == 0.0, 0.0, direction.T * factors)
-    if not pins.any():
-        none = np.zeros((0, space.size))
-        return Passage(met.tolist(), rows, rates, kick, [], none, none.T) if met.size else None
-    held = contacts[now]
-    share = shares(held)
-    kick = kick - share @ (held @ kick)
-    stopped = velocity - share @ (held @ velocity)
-    first, later = (
-        acceleration(space, laws, status, displacement, speed, load)
-        for status, speed in ((before, velocity), (after, stopped))
-    )
-    # The displacement is continuous, and so are its rates along the surface.
-    change = first - share @ (held @ first) - later
-    for k in np.flatnonzero(pins & (rates != 0.0)).tolist():
-        kick[:, k] = -change / rates[k]
-    return Passage(met.tolist(), rows, rates, kick, now.tolist(), held, share)
-
-
-def bounce(
-    space: ModalSpace, laws: ContactLaws, contact: int, statuses: tuple[Status, Status], displacement: Array,
-    velocity: Array, load: Array,
-) -> Passage:  # fmt: skip
-    """Return what an impact on a rigid stop does to changes, given the statuses before and after; see `passage`."""
-    row = space.contacts[[contact]]
-    share = (1.0 + laws.restitution[contact]) * row.T / (row[0] @ row[0])
-    rates = row @ velocity
-    first, later = (
-        acceleration(space, laws, status, displacement, speed, load)
-        for status, speed in zip(statuses, (velocity, velocity - share @ rates), strict=True)
-    )
-    with np.errstate(divide="ignore", invalid="ignore"):
-        kick = (later - first + share @ (row @ first))[:, None] / rates
-    return Passage([contact], row, rates, kick, [contact], row, share)
-
-
-def let_go(
-    space: ModalSpace, laws: ContactLaws, contact: int, statuses: tuple[Status, Status], displacement: Array,
-    velocity: Array, load: Array,
-) -> Passage:  # fmt: skip
-    """Return what a release does to changes that the switch of another contact causes at once; see `bounce`."""
-    row, none = space.contacts[[contact]], np.zeros((0, space.size))
-    rates = row @ velocity
-    first, later = (acceleration(space, laws, status, displacement, velocity, load) for status in statuses)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        kick = (later - first)[:, None] / rates
-    return Passage([contact], row, rates, kick, [], none, none.T)
+    kick = kick - share @ (pinned @ kick)
+    by, stopped = np.full(len(laws), FIXED if fixed else REACTION), velocity - share @ (pinned @ velocity)
+    if whole.any():
+        # The displacement is continuous, and what is restrained has no acceleration, or turns it around.
+        first = acceleration(space, laws, before, displacement, velocity, load)
+        later = acceleration(space, laws, last, displacement, stopped, load)
+        moving = whole & (rates != 0.0)
+        kick[:, moving] = (later - first + share @ (pinned @ first))[:, None] / rates[moving]
+        if np.any(laws.rigid[held]):
+            # An impact lets go of what it moves away from elsewhere.
+            by[:] = int(np.argmax(whole))
+    if met.size and np.any(after != last):
+        by[after != last] = met.size - 1
+        if not whole.any():
+            first, later = (acceleration(space, laws, one, displacement, stopped, load) for one in (after, last))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                kick[:, -1] += (later - first) / rates[-1]
+    by[met] = np.arange(met.size)
+    return Passage(numbers, before, last, met.tolist(), rows, rates, kick, held.tolist(), pinned, share, factor, by)
 
 
 def acceleration(

@@ -20,7 +20,7 @@ from vofem.simulate.plan import Plan
 SUFFIXES = (".checkpoint", ".h5", ".hdf")
 
 #: Version of the format. It is increased when this version could not read the new files.
-FORMAT = 3
+FORMAT = 4
 
 
 #: Takes the plan of a run, and returns what writes snapshots of it.

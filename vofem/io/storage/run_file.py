@@ -88,7 +88,7 @@ def restored_solution(
 
     sensitivity, vectors, truncation = (record.pop(name) for name in ("sensitivity", "vectors", "truncation"))
     rows = group["segments"]
-    segments = Segments(**{name: read_array(rows[name]) for name in Segments._fields if name in rows})
+    segments = Segments(**{name: read_array(rows[name]) for name in Segments._fields})
     kind_of: type[EventSolution] = EventSolution
     if record["system"].sliders is not None:
         from vofem.integrators.event_driven.sliding import SlidingSolution as kind_of  # noqa: N813
@@ -102,7 +102,7 @@ def restored_solution(
 SUFFIXES = (".vtkhdf", ".h5", ".hdf")
 
 #: Version of the format. It is increased when this version could not read the new files.
-FORMAT = 4
+FORMAT = 5
 
 
 def save(

@@ -27,7 +27,7 @@ from vofem.system import Counters, System
 class Work:
     """Work done to find orbits."""
 
-    #: Evaluations of the equations. For shooting these are flows over one orbit, with or without monodromy matrix.
+    #: Evaluations of the equations; with segments as unknowns those with derivatives, which take most of the time.
     flows: int = 0
     checks: int = 0  #: Flows over orbits that are known, with which these are checked.
     runs: Counters = field(default_factory=Counters)  #: Work of these evaluations.

@@ -440,14 +440,18 @@ class Signature:
         return np.array([k for k, partner in enumerate(self.partners) if partner is not None], dtype=np.int64)
 
     def _let_go(self, problem: Shooting, path: Path, index: int) -> bool:
-        """Return whether a pinned contact is released at once because the switch before lets its reaction jump."""
-        (contact, status), laws = self.switches[index], problem.system.contacts
-        if not index or status > PINNED or self.statuses[index - 1][contact] != PINNED:
+        """Return whether a pinned contact is released at once because a switch before it lets its reaction jump."""
+        (contact, status), laws, cause = self.switches[index], problem.system.contacts, index - 1
+        if self.statuses[index][contact] != PINNED:
+            return False
+        while cause > 0 and self._let_go(problem, path, cause):
+            cause -= 1
+        if not index or status > PINNED or self.statuses[cause][contact] != PINNED:
             return False
         assert laws is not None
         before, after = (
             problem.course.reaction(self.statuses[k], float(path.times[index]), state, contact)
-            for k, state in ((index - 1, path.ends[index - 1]), (index, path.starts[index]))
+            for k, state in ((cause, path.ends[cause]), (index, path.starts[index]))
         )
         full = float(laws.stiffness[contact] * laws.gap[contact])
         return before < full <= after if status == CLOSED else after <= 0.0 < before
