@@ -18,7 +18,7 @@ _STEPS, _HALVINGS, _FALLS = 40, 7, 0.1
 TOLERANCE = 1e-13
 
 #: A residual that no longer shrinks counts as rounding below this, and below what an evaluation calls its `rounding`.
-ROUNDING = 1e-8
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
