@@ -27,15 +27,14 @@ _DIFFERENCE = 1e-4
 def branch_of(walker: Follower) -> Branch:
     """Return a branch that has been followed, without orbits that an ordinary run does not repeat."""
     orbits, values = [point.orbit() for point in walker.points], np.array([point.value for point in walker.points])
-    listed = np.flatnonzero([_repeats(*pair) for pair in zip(walker.points, orbits, strict=True)])
+    missed = np.array([_missed(*pair) for pair in zip(walker.points, orbits, strict=True)])
+    listed, left = np.flatnonzero(missed <= CLOSES), ~(missed <= CLOSES)
     found = walker.found()
-    if listed.size < len(orbits):
-        left = np.delete(np.arange(len(orbits)), listed)
-        worst = max(max(orbits[k].residual, walker.points[k].evaluation.rounding) for k in left)
+    if left.any():
         found["notes"] = [
-            f"{left.size} of {len(orbits)} orbits are left out, between {values[left].min():.9g} and "
+            f"{left.sum()} of {left.size} orbits are left out, between {values[left].min():.9g} and "
             f"{values[left].max():.9g}: an ordinary run over one period, which magnifies rounding there, repeats them "
-            f"to {worst:.1e} of the motion only, and not to {CLOSES:g}",
+            f"to {missed[left].max():.1e} of the motion only, and not to {CLOSES:g}",
             *found["notes"],
         ]
         places = np.interp([one.place for one in found["special"]], listed, np.arange(listed.size))
@@ -50,9 +49,9 @@ def branch_of(walker: Follower) -> Branch:
     )
 
 
-def _repeats(point: Point, orbit: PeriodicOrbit) -> bool:
-    """Return whether an ordinary run repeats an orbit, whatever its rounding; harmonics have an error of their own."""
-    return orbit.method != "shooting" or max(orbit.residual, point.evaluation.rounding) <= CLOSES
+def _missed(point: Point, orbit: PeriodicOrbit) -> float:
+    """Return what an ordinary run over an orbit may miss, with rounding; 0 for harmonics, whose error is another."""
+    return max(orbit.residual, point.evaluation.rounding) if orbit.method == "shooting" else 0.0
 
 
 class Sheets:
@@ -108,7 +107,7 @@ class Sheets:
             return None
         point = Point(first.chart, y, self.family.at(value), evaluation, first.scales, by_value, first.tangent)
         orbit = point.orbit()
-        return (point.unknowns(), orbit) if _repeats(point, orbit) else None
+        return (point.unknowns(), orbit) if _missed(point, orbit) <= CLOSES else None
 
     def switch(self, special: SpecialPoint) -> Branch:
         """Return the branch that leaves at a special point."""

@@ -111,7 +111,7 @@ class SignatureEvaluation:
     @cached_property
     def closing(self) -> float:
         """Difference of both ends of an ordinary run over the orbit, over the size of the motion."""
-        return self._compared(self.chart.flow(self.problem, self.y))
+        return self._missed(self.chart.flow(self.problem, self.y), self.y[: self.problem.size])
 
     def stripped(self) -> SignatureEvaluation:
         """Return the evaluation without the columns of its segments, which take memory."""
@@ -207,18 +207,18 @@ class SignatureEvaluation:
 
     def repeats(self, flow: Flow) -> bool:
         """Return whether a flow from the orbit's state takes the same switches and comes back; it gives `closing`."""
-        self.__dict__["closing"] = away = self._compared(flow)
+        self.__dict__["closing"] = away = self._missed(flow, self.y[: self.problem.size])
         return self.chart.follows(self.problem, self.y, flow) and (away <= CLOSES or away <= self.rounding)
 
-    def _compared(self, flow: Flow, unknowns: Array | None = None) -> float:
-        after = self.problem.to_unknowns(flow.displacement, flow.velocity)
-        return relative(after - (self.y[: self.problem.size] if unknowns is None else unknowns), self.sizes)
+    def _missed(self, flow: Flow, unknowns: Array) -> float:
+        """Return the difference of both ends of a flow from some unknowns, over the size of the motion."""
+        return relative(self.problem.to_unknowns(flow.displacement, flow.velocity) - unknowns, self.sizes)
 
     def residual_of(self, unknowns: Array) -> float:
         """Return what an ordinary run from the orbit's unknowns at t = 0 misses after an orbit."""
         if self.chart.anchor == 0.0:
             return self.closing
-        return self._compared(self.problem.run(unknowns, check=True), unknowns)
+        return self._missed(self.problem.run(unknowns, check=True), unknowns)
 
     @cached_property
     def monodromy(self) -> Array | None:
@@ -442,11 +442,11 @@ class Signature:
     def _let_go(self, problem: Shooting, path: Path, index: int) -> bool:
         """Return whether a pinned contact is released at once because a switch before it lets its reaction jump."""
         (contact, status), laws, cause = self.switches[index], problem.system.contacts, index - 1
-        if self.statuses[index][contact] != PINNED:
+        if not index or status > PINNED or self.statuses[index][contact] != PINNED:
             return False
         while cause > 0 and self._let_go(problem, path, cause):
             cause -= 1
-        if not index or status > PINNED or self.statuses[cause][contact] != PINNED:
+        if self.statuses[cause][contact] != PINNED:
             return False
         assert laws is not None
         before, after = (
