@@ -37,7 +37,9 @@ def branch_of(walker: Follower) -> Branch:
             f"to {missed[left].max():.1e} of the motion only, and not to {CLOSES:g}",
             *found["notes"],
         ]
-        places = np.interp([one.place for one in found["special"]], listed, np.arange(listed.size))
+        # Where no orbit is listed, all points have the place 0.
+        known = (listed, np.arange(listed.size)) if listed.size else ([0], [0])
+        places = np.interp([one.place for one in found["special"]], *known)
         found["special"] = [replace(one, place=float(at)) for one, at in zip(found["special"], places, strict=True)]
     found["counters"] = replace(found["counters"], points=listed.size, check_flows=walker.family.work.checks)
     return Branch(
