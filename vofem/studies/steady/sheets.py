@@ -53,7 +53,7 @@ def branch_of(walker: Follower) -> Branch:
 
 def _missed(point: Point, orbit: PeriodicOrbit) -> float:
     """Return what an ordinary run over an orbit may miss, with rounding; 0 for harmonics, whose error is another."""
-    return max(orbit.residual, point.evaluation.rounding) if orbit.method == "shooting" else 0.0
+    return point.evaluation.missed(orbit.residual) if orbit.method == "shooting" else 0.0
 
 
 class Sheets:

@@ -225,7 +225,7 @@ class Shooting(OrbitProblem):
         scene, duration, few, change = self.scene, self.duration, self.condensed, self.change
         state, kept = self.state(unknowns), None if few is None else few.truncation(duration, change)
         residual, notes = evaluation.residual_of(unknowns), [] if kept is None else [kept.what]
-        if (left := max(residual, evaluation.rounding)) > CLOSES:
+        if (left := evaluation.missed(residual)) > CLOSES:
             notes.append(f"a run over one period magnifies rounding: it repeats to {left:.1e} of the motion only")
         return PeriodicOrbit(
             OrbitSource(

@@ -115,7 +115,10 @@ class SignatureEvaluation:
 
     def stripped(self) -> SignatureEvaluation:
         """Return the evaluation without the columns of its segments, which take memory."""
-        return replace(self, path=self.path.stripped())
+        lean = replace(self, path=self.path.stripped())
+        if "closing" in self.__dict__:
+            lean.__dict__["closing"] = self.closing
+        return lean
 
     def range_of(self, row: Array) -> tuple[float, float]:
         """Return the least and the largest value of a row over the free degrees of freedom, shape (n,)."""
@@ -215,10 +218,16 @@ class SignatureEvaluation:
         return relative(self.problem.to_unknowns(flow.displacement, flow.velocity) - unknowns, self.sizes)
 
     def residual_of(self, unknowns: Array) -> float:
-        """Return what an ordinary run from the orbit's unknowns at t = 0 misses after an orbit."""
-        if self.chart.anchor == 0.0:
-            return self.closing
-        return self._missed(self.problem.run(unknowns, check=True), unknowns)
+        """Return what ordinary runs miss after an orbit: from the phase of `y`, and from the state at t = 0.
+
+        The second state is rounded as that of a user's run is. Both may decide otherwise whether a contact rests.
+        """
+        unknowns = self.problem.from_state(self.problem.state(unknowns))
+        return max(self.closing, self._missed(self.problem.run(unknowns, check=True), unknowns))
+
+    def missed(self, residual: float) -> float:
+        """Return what any run may miss after an orbit of a residual. Rounding is estimated to a factor of two."""
+        return max(residual, 2.0 * self.rounding)
 
     @cached_property
     def monodromy(self) -> Array | None:

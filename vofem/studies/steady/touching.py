@@ -242,7 +242,7 @@ def ending(family: Family, now: Point) -> Passage | None:
     ahead = {
         (p, k): float(lengths[p + 1 : k + 1].sum() / -rates[p + 1 : k + 1].sum())
         for p, k in chart.touches
-        if lengths[p + 1 : k + 1].sum() < _NEARLY and rates[p + 1 : k + 1].sum() < 0.0
+        if 0.0 < lengths[p + 1 : k + 1].sum() < _NEARLY and rates[p + 1 : k + 1].sum() < 0.0
     }
     if not ahead:
         return None
