@@ -118,7 +118,8 @@ class Follower:
 
     def located(self, step: Step, earlier: Step | None) -> list[SpecialPoint]:
         """Return the special points of a step except grazings; `earlier` is the step before it in the same touches."""
-        return [] if self._leaving_another else crossings(self.family, step, earlier, self.notes)
+        # A step that ends where it begins, at a grazing with a touch of no length, holds none.
+        return [] if self._leaving_another or not step.length else crossings(self.family, step, earlier, self.notes)
 
     def begin(self, unknowns: Array, value: float) -> Point:
         """Return the first point, heading for the far end of the interval."""

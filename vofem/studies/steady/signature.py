@@ -226,8 +226,13 @@ class SignatureEvaluation:
         return max(self.closing, self._missed(self.problem.run(unknowns, check=True), unknowns))
 
     def missed(self, residual: float) -> float:
-        """Return what any run may miss after an orbit of a residual. Rounding is estimated to a factor of two."""
-        return max(residual, 2.0 * self.rounding)
+        """Return what any run may miss after an orbit of a residual.
+
+        Rounding is estimated to a factor of two, which counts where forces jump: it decides whether a contact rests.
+        """
+        laws = self.problem.system.contacts
+        jumps = laws is not None and bool(np.any(laws.jump & (laws.gap != 0.0)))
+        return max(residual, (2.0 if jumps else 1.0) * self.rounding)
 
     @cached_property
     def monodromy(self) -> Array | None:
