@@ -84,6 +84,11 @@ class ContactLaws(LawGroup):
         """Which are rigid stops, shape (n_contacts,)."""
         return ~np.isnan(self.restitution)
 
+    @property
+    def jumps(self) -> NDArray[np.bool_]:
+        """Whose forces jump at their gaps, shape (n_contacts,)."""
+        return self.jump & (self.gap != 0.0)
+
     # -- coordinates ----------------------------------------------------------------------------------
 
     def gap_function(self, samples: Any, index: int, times: Array) -> Array:

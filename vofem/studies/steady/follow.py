@@ -118,8 +118,7 @@ class Follower:
 
     def located(self, step: Step, earlier: Step | None) -> list[SpecialPoint]:
         """Return the special points of a step except grazings; `earlier` is the step before it in the same touches."""
-        # A step that ends where it begins, at a grazing with a touch of no length, holds none.
-        return [] if self._leaving_another or not step.length else crossings(self.family, step, earlier, self.notes)
+        return [] if self._leaving_another else crossings(self.family, step, earlier, self.notes)
 
     def begin(self, unknowns: Array, value: float) -> Point:
         """Return the first point, heading for the far end of the interval."""
@@ -252,7 +251,7 @@ class Follower:
         end = self.family.interval.beyond(last.value)
         if end is not None:
             return self._last(now, last, end)
-        if last is not now:
+        if np.any(last.y != now.y):
             self._take(Step(now, last))
             if self._over or self._closed(now, last):
                 return last, step

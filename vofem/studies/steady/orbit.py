@@ -157,7 +157,7 @@ class PeriodicOrbit(Shown):
         bound.
         """
         laws = self.scene.model.system.contacts
-        if laws is None or not np.any(laws.jump & (laws.gap != 0.0)):
+        if laws is None or not laws.jumps.any():
             return ""
         return self.source.motion().grazes
 

@@ -115,10 +115,7 @@ class SignatureEvaluation:
 
     def stripped(self) -> SignatureEvaluation:
         """Return the evaluation without the columns of its segments, which take memory."""
-        lean = replace(self, path=self.path.stripped())
-        if "closing" in self.__dict__:
-            lean.__dict__["closing"] = self.closing
-        return lean
+        return replace(self, path=self.path.stripped())
 
     def range_of(self, row: Array) -> tuple[float, float]:
         """Return the least and the largest value of a row over the free degrees of freedom, shape (n,)."""
@@ -155,8 +152,7 @@ class SignatureEvaluation:
             contact, time = self.chart.switches[p].contact, float(path.durations[p + 1 : k + 1].sum())
             rate = float(rows[contact] @ path.ends[p, n:])
             heights.append((contact, 0.25 * abs(time * rate) / float(self.size_of(contact))))
-        jumps = laws.jump & (laws.gap != 0.0)
-        return next((laws.names[j] for j, height in heights if jumps[j] and height <= _GRAZED), "")
+        return next((laws.names[j] for j, height in heights if laws.jumps[j] and height <= _GRAZED), "")
 
     @cached_property
     def extremes(self) -> list[Extreme]:
@@ -218,21 +214,28 @@ class SignatureEvaluation:
         return relative(self.problem.to_unknowns(flow.displacement, flow.velocity) - unknowns, self.sizes)
 
     def residual_of(self, unknowns: Array) -> float:
-        """Return what ordinary runs miss after an orbit: from the phase of `y`, and from the state at t = 0.
+        """Return what an ordinary run from the orbit's state at t = 0, rounded as in a user's run, misses after it.
 
-        The second state is rounded as that of a user's run is. Both may decide otherwise whether a contact rests.
+        Where forces jump, rounding decides whether a contact rests. There a run from the phase of `y` counts too.
         """
+        if self.chart.anchor == 0.0 and not self._jumps:
+            return self.closing
         unknowns = self.problem.from_state(self.problem.state(unknowns))
-        return max(self.closing, self._missed(self.problem.run(unknowns, check=True), unknowns))
+        missed = self._missed(self.problem.run(unknowns, check=True), unknowns)
+        return max(missed, self.closing) if self._jumps else missed
 
     def missed(self, residual: float) -> float:
         """Return what any run may miss after an orbit of a residual.
 
         Rounding is estimated to a factor of two, which counts where forces jump: it decides whether a contact rests.
         """
+        return max(residual, (2.0 if self._jumps else 1.0) * self.rounding)
+
+    @property
+    def _jumps(self) -> bool:
+        """Whether forces of contacts jump at their gaps."""
         laws = self.problem.system.contacts
-        jumps = laws is not None and bool(np.any(laws.jump & (laws.gap != 0.0)))
-        return max(residual, (2.0 if jumps else 1.0) * self.rounding)
+        return laws is not None and bool(laws.jumps.any())
 
     @cached_property
     def monodromy(self) -> Array | None:
