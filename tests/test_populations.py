@@ -46,6 +46,17 @@ def test_a_pair_that_leaves_the_circle_and_returns_beside_a_grazing():
     assert found == pytest.approx([2140.7938393217814, 2140.7938393484997, 2140.793839351629], abs=1e-8)
 
 
+def test_a_stiff_contact_opens_within_few_samples_of_a_switch():
+    """The opening has a few thousandths of a radian, and beyond its grazing the branch bends within a millionth."""
+    case = drawn(114)
+    up, down = (vf.continuation(case.build, *ends) for ends in ((99.55, 99.65), (99.65, 99.55)))
+    for branch, end in ((up, 99.65), (down, 99.55)):
+        assert branch.values[-1] == end
+        assert [one.kind for one in branch.special] == ["grazing"]
+        assert max(away(orbit) for orbit in branch.orbits[::6]) <= REPEATS
+    assert up.special[0].value == pytest.approx(down.special[0].value, rel=1e-10)
+
+
 def test_a_lost_branch_tells_what_its_contacts_do():
     """A beam touches a stop whose force jumps ever more often, for ever shorter times, and a run lets it rest there."""
     case = drawn(338)

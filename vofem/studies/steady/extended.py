@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from vofem.arrays import Array, Complex
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.newton import direction, solved
+from vofem.studies.steady.newton import ROUNDING, direction, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
 
 #: Steps of Newton's method to a special orbit.
@@ -77,6 +77,11 @@ class ExtendedEvaluation:
         if name.startswith("__"):
             raise AttributeError(name)
         return getattr(self.orbit, name)
+
+    @property
+    def rounding(self) -> float:
+        """Error of an evaluation that may be rounding; that of the condition is not known."""
+        return max(ROUNDING, float(self.orbit.rounding))
 
     @cached_property
     def multipliers(self) -> Complex | None:

@@ -17,8 +17,9 @@ _STEPS, _HALVINGS, _FALLS = 40, 7, 0.1
 #: Error of an evaluation at which equations count as solved.
 TOLERANCE = 1e-13
 
-#: A residual that no longer shrinks counts as rounding below this, and below what an evaluation calls its `rounding`.
-ROUNDING = 1e-9
+#: A residual that no longer shrinks counts as rounding below what an evaluation calls its `rounding`; where it does not
+#: know, below the first of these, and always below the second.
+ROUNDING, _SOLVED = 1e-9, 1e-11
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ def solved(
         if after is None:
             break
         x, now = after
-    if now.error <= ROUNDING or now.error <= getattr(now, "rounding", 0.0):
+    if now.error <= _SOLVED or now.error <= getattr(now, "rounding", ROUNDING):
         return Solved(x, now)
     raise ConvergenceError(f"Newton's method left a residual of {now.error:.2e} of the motion{why and f': {why}'}")
 

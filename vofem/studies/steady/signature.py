@@ -26,7 +26,7 @@ from vofem.arrays import Array, Complex
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.along import Path
 from vofem.integrators.event_driven.flow import Flow
-from vofem.integrators.event_driven.regime import Motion
+from vofem.integrators.event_driven.regime import Motion, flat
 from vofem.laws.friction import UP
 from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.newton import direction
@@ -41,8 +41,9 @@ _SAMPLES, _SEARCHED, _LEAST_SAMPLES = 600, 2500, 16
 #: Steps of this search at each end of a long segment, and the number of parts into which each of them is divided.
 _STEPS_AT_ENDS, _FINER = 8, 8
 
-#: Steps in the search for an extreme in its bracket.
-_CUTS = 60
+#: Steps in the search for an extreme in its bracket, and the last of them as a share of the bracket. What is left of it
+#: changes the extreme by the square.
+_CUTS, _FINE = 60, 1e-9
 
 #: Height of an extreme, over the size of the motion, below which it is not computed exactly.
 _LOW = -0.05
@@ -62,9 +63,11 @@ AT_ONCE = 1e-9
 #: Difference of phases, over the orbit, up to which a switch of a flow is one of the signature.
 _SAME = 1e-5
 
-#: Rounding of the unknowns, as a share of them. A branch is followed through orbits of which a run misses so much by
-#: rounding.
-_DIGITS, _TOLD = 1e-15, 1e-6
+#: Rounding of the unknowns, as a share of them, and signs with which it is tried.
+_DIGITS, _SIGNS = 1e-15, ((1.0, -1.0), (1.0, 1.0, -1.0), (-1.0, 1.0, 1.0, 1.0, -1.0))
+
+#: A branch is followed through orbits of which a run misses so much by rounding.
+_TOLD = 1e-6
 
 #: Length in rad of a touch that may be lost in rounding.
 _SHORT = 1e-5
@@ -134,8 +137,7 @@ class SignatureEvaluation:
         # Only neighbours of the largest samples are refined, because no other sample can be an extreme.
         for low, high, motion, begin, end in turns:
             if low < least or high > largest:
-                place = _root_of_rate(motion, row, begin, end)
-                values.append(float(row @ motion.modes(np.array([place]))[0][:, 0]))
+                values += _turned(motion, row[None], np.array([begin]), np.array([end]))[1].tolist()
         return min(values), max(values)
 
     @property
@@ -164,13 +166,12 @@ class SignatureEvaluation:
         for k, duration in enumerate(self.path.durations.tolist() if self.problem.system.contacts is not None else ()):
             contacts = np.flatnonzero(self.chart.statuses[k] < PINNED).tolist()
             if duration > 0.0 and contacts:
-                count = _count(duration, self.problem.duration, _SEARCHED)
-                edges, counts = [0.0, duration], [count]
-                if count > 2 * _LEAST_SAMPLES:
-                    # Finer steps beside switches, where a stiff contact rebounds quickly.
-                    near = _STEPS_AT_ENDS * duration / count
-                    edges, finer = [0.0, near, duration - near, duration], _STEPS_AT_ENDS * _FINER
-                    counts = [finer, count - 2 * _STEPS_AT_ENDS, finer]
+                # Finer steps beside switches, where a stiff contact rebounds quickly.
+                count, finer = (_count(duration, self.problem.duration, n * _SEARCHED) for n in (1, _FINER))
+                edges, counts = [0.0, duration], [finer]
+                if count > 2 * _STEPS_AT_ENDS:
+                    near, finer = _STEPS_AT_ENDS * duration / count, _STEPS_AT_ENDS * _FINER
+                    edges, counts = [0.0, near, duration - near, duration], [finer, count - 2 * _STEPS_AT_ENDS, finer]
                 found += self.extremes_in(k, contacts, edges, counts)
         return found
 
@@ -185,16 +186,18 @@ class SignatureEvaluation:
         signs = np.where(self.chart.statuses[segment][contacts] == CLOSED, -1.0, 1.0)
         tau, values, rates = motion.sampled(rows, edges, counts)
         values, rates = signs[:, None] * (values - gaps[:, None]) / sizes[:, None], signs[:, None] * rates
-        for j, i in np.argwhere((rates[:, :-1] > 0.0) & (rates[:, 1:] <= 0.0)).tolist():
-            step = tau[i + 1] - tau[i]
-            place = tau[i] + step * rates[j, i] / (rates[j, i] - rates[j, i + 1])
-            height = float(values[j, i : i + 2].max() + 0.25 * step * rates[j, i] / sizes[j])
-            if height > _LOW:
-                place = _root_of_rate(motion, rows[j], tau[i], tau[i + 1])
-                z = motion.modes(np.array([place]))[0][:, 0]
-                height = float(signs[j] * (rows[j] @ z - gaps[j]) / sizes[j])
-            phase = (float(self.path.times[segment]) + float(place)) * problem.loads.omega
-            found.append(Extreme(contacts[j], segment, phase, height))
+        j, i = np.nonzero((rates[:, :-1] > 0.0) & (rates[:, 1:] <= 0.0))
+        low, high = tau[i], tau[i + 1]
+        places = low + (high - low) * rates[j, i] / (rates[j, i] - rates[j, i + 1])
+        heights = np.maximum(values[j, i], values[j, i + 1]) + 0.25 * (high - low) * rates[j, i] / sizes[j]
+        near = heights > _LOW
+        if near.any():
+            of = j[near]
+            places[near], there = _turned(motion, rows[of], low[near], high[near])
+            heights[near] = signs[of] * (there - gaps[of]) / sizes[of]
+        phases = (float(self.path.times[segment]) + places) * problem.loads.omega
+        for contact, phase, height in zip(j.tolist(), phases.tolist(), heights.tolist(), strict=True):
+            found.append(Extreme(contacts[contact], segment, phase, height))
         return found
 
     def size_of(self, contacts: Sequence[int] | int) -> Array:
@@ -227,9 +230,10 @@ class SignatureEvaluation:
     def missed(self, residual: float) -> float:
         """Return what any run may miss after an orbit of a residual.
 
-        Rounding is estimated to a factor of two, which counts where forces jump: it decides whether a contact rests.
+        Where forces jump rounding decides whether a contact rests, so that one run does not tell. There twice the
+        estimate counts.
         """
-        return max(residual, (2.0 if self._jumps else 1.0) * self.rounding)
+        return max(residual, 2.0 * self.rounding) if self._jumps else residual
 
     @property
     def _jumps(self) -> bool:
@@ -256,14 +260,18 @@ class SignatureEvaluation:
 
     @cached_property
     def rounding(self) -> float:
-        """Change over an orbit, over the size of the motion, that rounding of states and lengths may cause.
+        """Change over an orbit, over the size of the motion, that rounding may cause.
 
-        They change what the equations leave. A run moves its switches until theirs hold, and its end moves with them.
+        Rounding in a segment grows in those after it, so it is measured: by how much the equations change with rounded
+        unknowns. A run moves its switches until their equations hold, and its end moves with them.
         """
         if not np.all(np.isfinite(self.jacobian)):
             return 0.0
-        n = self.problem.size
-        left = _DIGITS * (np.abs(self.jacobian) @ np.abs(self.y))
+        n, left = self.problem.size, np.zeros_like(self.residual)
+        for signs in _SIGNS:
+            rounded = self.y * (1.0 + _DIGITS * np.resize(signs, self.y.size))
+            moved = self.chart.evaluate(self.problem, rounded, derivative=False)
+            left = np.maximum(left, np.abs(moved.residual - self.residual))
         closes, switches = left[:n], left[n:]
         if switches.size and not self.chart.smooth(self.problem):
             carried = direction(self.jacobian[n:, n:].T, self.jacobian[:n, n:].T)
@@ -522,12 +530,21 @@ class Signature:
             z, v = 1.0, problem.loads.omega
         return np.concatenate([np.full(n, z), np.full(n, v), np.full(k, max(1.0, np.sqrt(k / 4.0)))])
 
+    def modes_at(self, problem: Shooting, evaluation: SignatureEvaluation, phases: Array) -> tuple[Array, Array]:
+        """Return modal displacements and velocities at some phases of the loads, each of shape (n, n_phases)."""
+        path = evaluation.path
+        times = (self.anchor + (phases - self.anchor) % self.turn) / problem.loads.omega
+        # Segments of negative length overlap: the last one that has begun counts.
+        which = np.array([np.flatnonzero(path.times <= time).max(initial=0) for time in times], dtype=np.int64)
+        z, v = np.empty((2, problem.size // 2, times.size))
+        for index in np.unique(which).tolist():
+            inside = which == index
+            z[:, inside], v[:, inside] = path.motion(index).modes(times[inside] - path.times[index])
+        return z, v
+
     def at_phase(self, problem: Shooting, evaluation: SignatureEvaluation, phase: float) -> Array:
         """Return the state in unknowns at a phase of the loads, shape (2n,)."""
-        path, omega = evaluation.path, problem.loads.omega
-        time = (self.anchor + (phase - self.anchor) % self.turn) / omega
-        index = max(np.flatnonzero(path.times <= time).tolist(), default=0)
-        z, v = path.motion(index).modes(np.array([time - path.times[index]]))
+        z, v = self.modes_at(problem, evaluation, np.array([phase]))
         return problem.to_unknowns(z[:, 0], v[:, 0])
 
     def unknowns(self, problem: Shooting, y: Array, evaluation: SignatureEvaluation) -> Array:
@@ -752,30 +769,35 @@ def _count(duration: float, whole: float, samples: int) -> int:
     return max(_LEAST_SAMPLES, int(samples * duration / whole))
 
 
-def _root_of_rate(motion: Motion, row: Array, low: float, high: float) -> float:
-    """Return where a rate vanishes between two times of a segment at which it has opposite signs."""
-    rate = motion.regime.over_blocks(row[None])[1]
-    begin = float(row @ motion.velocity)
+def _turned(motion: Motion, rows: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """Return where rows of the motion turn, one in each bracket of times, and their values there; all of shape (k,).
 
-    def at(tau: float) -> float:
-        return begin + float(rate @ motion.changes(np.array([tau]))[0].ravel())
+    `rows` has shape (k, n). At the two ends of a bracket the rate of its row has opposite signs.
+    """
+    known, number = np.unique(rows, axis=0, return_inverse=True)
+    over = motion.regime.over_blocks(known)[len(known) :][number.ravel()]
+    begin = rows @ motion.velocity
 
-    first, last = at(low), at(high)
+    def at(tau: Array) -> Array:
+        return np.asarray(begin + np.einsum("ij,ij->i", over, flat(motion.changes(tau))))
+
+    first, last, enough = at(low), at(high), _FINE * (high - low)
+    going = first * last < 0.0
     for _ in range(_CUTS):
-        if first * last >= 0.0:
+        if not going.any():
             break
         # Secants, and the value at an end that stays is halved: the rule of Illinois.
-        middle = high - last * (high - low) / (last - first)
-        value, moved = at(middle), abs(middle - high)
-        if value * last < 0.0:
-            low, first = high, last
-        else:
-            first *= 0.5
+        with np.errstate(divide="ignore", invalid="ignore"):
+            middle = np.where(going, high - last * (high - low) / (last - first), high)
+        value = at(middle)
+        across = value * last < 0.0
+        low, first = np.where(across, high, low), np.where(across, last, np.where(going, 0.5 * first, first))
+        going &= np.abs(middle - high) > enough
         high, last = middle, value
-        if moved <= 4.0 * np.finfo(float).eps * abs(high):
-            break
+        going &= first * last < 0.0
     # One value of both may be rounding.
-    return low if abs(first) < abs(last) and first * last >= 0.0 else high
+    places = np.where((first * last >= 0.0) & (np.abs(first) < np.abs(last)), low, high)
+    return places, np.einsum("ij,ji->i", rows, motion.modes(places)[0])
 
 
 def signature_of(problem: Shooting, flow: Flow) -> tuple[Signature, Array]:

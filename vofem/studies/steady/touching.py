@@ -34,6 +34,10 @@ _EXACT = 1e-16
 #: are singular at length zero.
 BEYOND, _SEVERAL = 1e-8, 1e-6
 
+#: Longer ones, and rates of the parameter, in scaled coordinates, between which they are needed: where the branch bends
+#: from the direction of the length to that of the parameter, rounding decides.
+_LONGER, _BENDS = (1e-6, 1e-5), (0.1, 0.99)
+
 #: Steps in scaled coordinates to the first orbit beyond a grazing where forces jump or bodies rebound. Rounding grows
 #: the more the nearer the grazing; the first is taken of which an ordinary run tells that it repeats, or what it lacks.
 _NEAREST = (1e-5, 1e-4, 1e-3, 1e-2)
@@ -47,8 +51,9 @@ _NEARLY = 5e-3
 #: Shares of a step by which ends of touches may differ that are searched as one.
 _SAME = 0.02
 
-#: Height over the size of the motion, and difference of phases over the orbit, up to which touches begin together.
-_TOGETHER, _ALIKE = 1e-11, 1e-6
+#: Height over the size of the motion up to which touches begin together, at least and in terms of rounding, and
+#: difference of phases over the orbit.
+_TOGETHER, _ROUNDINGS, _ALIKE = 1e-13, 2.0, 1e-6
 
 #: Rate of the parameter, in scaled coordinates, that may be rounding beside a grazing.
 _ROUNDED = 1e-8
@@ -62,6 +67,9 @@ _MOST = 8
 #: Distance of an extreme from its gap, over the size of the motion, that is told where a branch is lost, and the number
 #: of touches above which a contact may chatter.
 _CLOSE, _SEQUENCE = 1e-4, 3
+
+#: Height of an extreme, over the size of the motion, that tells why a run does not repeat an orbit.
+_FAINT = 1e-14
 
 #: How many orbits inside a step are looked at where a change may hide.
 _LOOKS = 4
@@ -121,7 +129,8 @@ def passage(family: Family, now: Point, after: Point) -> Passage | None:
     if not changes:
         flow = chart.flow(after.problem, after.y[:-1])
         repeats = after.evaluation.repeats(flow)
-        changes = [] if repeats else _touching(now, after, flow)
+        if not repeats:
+            changes = _touching(now, after, flow) or _touching(now, after, flow, _FAINT)
         if not changes and not repeats:
             raise ConvergenceError(
                 f"the orbit does not repeat under an ordinary run, by {after.evaluation.closing:.1e} of the motion"
@@ -346,13 +355,13 @@ def _mark(chart: Signature, y: Array, k: int) -> Mark:
     return Mark(chart.switches[k].contact, float(chart.phases(y[:-1])[k]))
 
 
-def _touching(now: Point, after: Point, flow: Flow | None = None) -> list[_Change]:
-    """Return extremes of gap functions that have come to the wrong side."""
+def _touching(now: Point, after: Point, flow: Flow | None = None, least: float = ROUNDING) -> list[_Change]:
+    """Return extremes of gap functions that have come to the wrong side, by more than a share of the motion."""
     chart: Signature = now.chart
-    wrong = [e for e in after.evaluation.extremes if e.height > ROUNDING]
+    wrong = [e for e in after.evaluation.extremes if e.height > least]
     flow = chart.flow(after.problem, after.y[:-1]) if flow is None else flow
     first = chart.first_touch(after.evaluation, flow)
-    if first is not None and first.height > ROUNDING and not any(_alike(chart, e.phase, first.phase) for e in wrong):
+    if first is not None and first.height > least and not any(_alike(chart, e.phase, first.phase) for e in wrong):
         wrong.append(first)
     earlier = now.evaluation.extremes if wrong else []
     found = []
@@ -416,7 +425,7 @@ def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple
     nearer = _watched(before)
     if any(not 0.0 < nearer[pair][0] < values[pair][0] for pair in pairs):
         before = now
-    if _away_along(family, outer, ended[:1])[0] < 0.0:
+    if _opposed(family, before, outer, ended[0]):
         outer = replace(outer, tangent=-outer.tangent)
     others = [mark for mark in every if mark not in ended]
     laws = {_law(now.problem, mark.contact) for mark in others}
@@ -425,6 +434,18 @@ def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple
         # Those that touched no longer do, and those that did not begin to: so this branch crosses that without touches.
         beyond = None if "impact" in laws else _inside(family, outer, others)
     return Passage(_not_turned(before, outer), outer, beyond, _contacts(every)), pairs
+
+
+def _opposed(family: Family, before: Point, outer: Point, ended: Mark) -> bool:
+    """Return whether the orbit outside has the direction from which a branch comes, and not that in which it goes on.
+
+    Where forces are smooth, states change evenly through a grazing. Elsewhere the branch moves away from the grazing.
+    """
+    if _law(outer.problem, ended.contact) != "smooth":
+        return bool(_away_along(family, outer, [ended])[0] < 0.0)
+    own = [*range(outer.problem.size), -1]
+    come, gone = ((point.tangent * point.scales)[own] / outer.scales[own] for point in (before, outer))
+    return bool(come @ gone < 0.0)
 
 
 def _contacts(marks: Sequence[Mark]) -> tuple[int, ...]:
@@ -471,13 +492,14 @@ def _outside(family: Family, chart: Signature, guess: Array, mark: Mark, towards
     y = np.append(long.edited(at.y[:-1], [k - 1] if slides else [k - 1, k])[1], at.value)
     point = point_at(family, chart, y, towards)
     own = [_mark(chart, y, k) for k in range(len(chart.switches))]
+    together = max(_TOGETHER, _ROUNDINGS * point.evaluation.rounding)
     found = [
         Mark(e.contact, e.phase)
         for e in point.evaluation.extremes
-        if abs(e.height) <= _TOGETHER and not _among(chart, [mark, *own], e.contact, e.phase)
+        if abs(e.height) <= together and not _among(chart, [mark, *own], e.contact, e.phase)
     ]
     margins = chart.margins(point.problem, point.evaluation)
-    turns = [own[k] for k, margin in margins.items() if abs(margin) <= _TOGETHER]
+    turns = [own[k] for k, margin in margins.items() if abs(margin) <= together]
     return point, [mark, *found, *(turn for turn in turns if not _among(chart, [mark], *turn))]
 
 
@@ -542,13 +564,23 @@ def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[i
     lengths, hits = [n + k for k, count in places if count], [k for k, count in places if not count]
     if not laws & {"impact", "jump"}:
         # Where forces are smooth, the parameter changes as squared lengths, or as those of sticks.
-        guess, length = y.copy(), _SEVERAL if sum(count for _, count in places) > 1 else BEYOND
-        for k, count in places:
-            guess[n + k] = length
-            guess[n + k - count] -= 0.5 * length
-            if k + count < len(chart.switches):
-                guess[n + k + count] -= 0.5 * length
-        return _with_length(family, chart, guess, lengths[0], length)
+        inner: Point | None = None
+        for length in (_SEVERAL if sum(count for _, count in places) > 1 else BEYOND, *_LONGER):
+            guess = y.copy()
+            for k, count in places:
+                guess[n + k] = length
+                guess[n + k - count] -= 0.5 * length
+                if k + count < len(chart.switches):
+                    guess[n + k + count] -= 0.5 * length
+            try:
+                inner = _with_length(family, chart, guess, lengths[0], length)
+            except ConvergenceError:
+                if inner is None:
+                    raise
+                break
+            if laws != {"smooth"} or not _BENDS[0] < abs(float(inner.tangent[-1])) < _BENDS[1]:
+                break
+        return inner
     # Elsewhere lengths, speeds and the parameter change together, and the branch has a direction.
     towards = np.zeros(y.size)
     towards[lengths or [-1]] = 1.0
@@ -661,12 +693,12 @@ def _away_along(family: Family, point: Point, marks: Sequence[Mark]) -> Array:
 
     def away(problem: Any, evaluation: Any, y: Array) -> list[float]:
         phases, found = chart.phases(y), []
-        for contact, phase in marks:
+        z, _ = chart.modes_at(problem, evaluation, np.array([mark.phase for mark in marks]))
+        for k, (contact, phase) in enumerate(marks):
             if _law(problem, contact) == "stick":
                 found.append(chart.margins(problem, evaluation)[_turn(chart, phases, contact, phase)])
                 continue
-            z, _ = problem.to_modes(chart.at_phase(problem, evaluation, phase))
-            above = float(problem.space.contacts[contact] @ z) - float(problem.system.contacts.gap[contact])
+            above = float(problem.space.contacts[contact] @ z[:, k]) - float(problem.system.contacts.gap[contact])
             closed = chart.statuses[int(np.searchsorted(phases, phase))][contact] == CLOSED
             found.append(above if closed else -above)
         return found
