@@ -61,6 +61,9 @@ _ROUNDED = 1e-8
 #: Share of a step beyond its end up to which a change may lie, and distance before its begin that is rounding.
 _OUTSIDE, _BEHIND = 0.05, 1e-8
 
+#: Share of a step up to which a change may be the one at which the step begins.
+_AT_BEGIN = 1e-6
+
 #: Changes that are located in one step at most, to find the first of them.
 _MOST = 8
 
@@ -384,6 +387,9 @@ def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple
     old: Signature = now.chart
     pairs, guess = change.pairs, now.y + change.share * (after.y - now.y)
     if change.begins is not None:
+        if change.share <= _AT_BEGIN and _away_along(family, now, [change.begins])[0] > 0.0:
+            # It has just been grazed, leaves the gap, and comes back within the step.
+            raise ConvergenceError("a contact leaves its gap and comes back in one step")
         outer, every = _outside(family, old, guess, change.begins, now.tangent)
         _between(now, after, outer.y)
         outer = _along(now, outer)
