@@ -61,8 +61,9 @@ _SLOW, _FARTHER = 3, 10.0
 #: Largest portion of a bracket that is gone at once.
 _MOST = 0.999
 
-#: Values of a test that are zero, and the share of the step in which a value that stays large shows a jump.
-_ZERO, _JUMP = 1e-14, 1e-7
+#: Values of a test that are zero, and the share of the step in which a value shows a jump that stays so large, as a
+#: share of the larger one at the ends.
+_ZERO, _JUMP, _STAYS = 1e-14, 1e-4, 0.1
 
 #: A sign change counts as a root where the function is smaller there than this share of its ends: no pole, no jump.
 _VANISHES = 1e-3
@@ -90,6 +91,10 @@ _ALONG = 0.9
 
 #: Rate of the parameter along the branch, in scaled coordinates, that is rounding.
 _LEVEL = 1e-12
+
+#: Share of a step within which several multipliers may pass the unit circle at one place. In longer parts they are
+#: parted by cuts: two that meet outside change the numbers too.
+_TOGETHER = 0.02
 
 #: Weight of a single real multiplier that crosses the circle, against pairs that do so and become real outside.
 _ODD = 10
@@ -141,7 +146,8 @@ def crossings(family: Family, step: Step, earlier: Step | None, notes: list[str]
         if not parts:
             break
         low, high = parts.pop(0)
-        inside = _single(family, low, high)
+        apart = high.place - low.place > _TOGETHER and max(map(abs, _changes(low.counts, high.counts) or (0,))) > 1
+        inside = [] if apart else _single(family, low, high)
         ends = list(_sides(low, high, inside))
         least = _SINGULAR if "branch_point" in (low.kind, high.kind) else _NARROW
         long = (high.place - low.place) * step.length > least
@@ -309,31 +315,31 @@ def _single(family: Family, low: _End, high: _End) -> list[SpecialPoint]:
     if 0 not in known:
         if turned and exact and abs(passed) == 1:
             # Where touches are short the rate of the parameter is rounding at a fold, and the multiplier is not.
-            found += _located(family, step, "fold", at_one, passed, 0)
+            found += _located(family, step, "fold", at_one, passed)
         elif turned:
             found += _at_turn(family, step, passed % 2 == 1)
         elif passed:
-            found += _located(family, step, "branch_point", at_one, passed, 0)
+            found += _located(family, step, "branch_point", at_one, passed)
     if changes is not None:
         if 1 not in known:
-            found += _located(family, step, "period_doubling", real_at(-1.0), changes.minus, 1)
+            found += _located(family, step, "period_doubling", real_at(-1.0), changes.minus)
         if 2 not in known:
             without_loss = pair_on_circle(step.first) and pair_on_circle(step.last)
             at_pair = collision if without_loss else pair
-            found += _located(family, step, "neimark_sacker", at_pair, changes.pairs, 2)
+            found += _located(family, step, "neimark_sacker", at_pair, changes.pairs)
     size = high.place - low.place
     found = [replace(one, place=low.place + size * one.place) for one in found]
     return sorted(found, key=lambda one: one.place)
 
 
-def _located(family: Family, step: Step, kind: str, test: Test, change: int, which: int) -> list[SpecialPoint]:
+def _located(family: Family, step: Step, kind: str, test: Test, change: int) -> list[SpecialPoint]:
     """Return the places at which multipliers pass the unit circle, one for each of them."""
     tests = [test]
     if abs(change) > 1:
         begin = census(step.first)
         assert begin is not None
         passed = np.sign(change) * (np.arange(abs(change)) + 0.5)
-        tests = [counted(which, begin[which] + float(one)) for one in passed]
+        tests = [counted(_WHICH[kind], begin[_WHICH[kind]] + float(one)) for one in passed]
     found = [root(family, step, one) for one in (tests if change else [])]
     if kind == "branch_point":
         found = [None if at is None else (_along(step, _exact(family, at[0]), at[1]), at[1]) for at in found]
@@ -400,7 +406,7 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
         return None
     if not np.all(np.isfinite(ends)) or ends[0] * ends[1] > 0.0:
         return None
-    vanishes = _VANISHES * max(map(abs, ends))
+    largest = max(map(abs, ends))
     known: dict[float, Point] = {}
     # The newest place, the one on the other side of the root, and the one that was left out last, with their values.
     a, b, c = (0.0, ends[0]), (1.0, ends[1]), None
@@ -408,7 +414,7 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
     try:
         for _ in range(_TRIES):
             width = abs(b[0] - a[0])
-            jump = width <= _JUMP and min(abs(a[1]), abs(b[1])) > vanishes
+            jump = width <= _JUMP and min(abs(a[1]), abs(b[1])) > _STAYS * largest
             if width <= _FINE or jump or (settled and width <= _ROUGH):
                 break
             # Between values of very different sizes interpolation moves one end alone.
@@ -435,7 +441,7 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
         pass
     found = [(abs(value), float(share)) for share, value in (a, b) if share in known]
     value, share = min(found, default=(np.inf, 0.0))
-    if value > vanishes or width > _BESIDE:
+    if value > _VANISHES * largest or width > _BESIDE:
         return None
     return known[share] if test is turning else _directed(family, known[share]), share
 
