@@ -52,8 +52,8 @@ class Path:
     statuses : list of ndarray of int, each (c,)
     times, durations : ndarray, shape (m,)
         In s; durations may be slightly negative.
-    starts, ends : ndarray, shape (m, 2n)
-        Modal states.
+    begins, starts, ends : ndarray, shape (m, 2n)
+        Modal states, at the begin before and after pinned contacts are put at their gaps.
     means : ndarray, shape (m, c)
         Mean rates of the contacts' coordinates; those at the start if the duration is zero.
     shifts : ndarray, shape (m, k)
@@ -64,14 +64,15 @@ class Path:
         Derivatives of the last state.
     all_columns : ndarray, shape (m, 2n, k)
         Derivatives of the states at all ends; empty where they were not asked for.
-    sizes : (float, float)
-        Largest norms of displacement and velocity.
+    sizes, missed : (float, float)
+        Largest norms of displacement and velocity, and of what segments miss of the states given for the next ones.
     """
 
     course: Course
     statuses: Sequence[Status]
     times: Array
     durations: Array
+    begins: Array
     starts: Array
     ends: Array
     means: Array
@@ -81,6 +82,7 @@ class Path:
     columns: Array
     all_columns: Array
     sizes: tuple[float, float]
+    missed: tuple[float, float]
 
     def stripped(self) -> Path:
         """Return the path without its columns, which take memory."""
@@ -186,6 +188,11 @@ class Course:
         found, kept = float(self.motion(status, time, state).reactions(np.zeros(1))[held, 0]), self.stuck(status)
         return found if kept is None else found + float(kept.reaction[held] @ state[: self.space.size])
 
+    @property
+    def kick(self) -> Array:
+        """What impacts on rigid stops take, shape (c,); see `Structure`."""
+        return self._structure.kick
+
     @cached_property
     def _structure(self) -> Structure:
         return structure(self.space, self.system.contacts, self._vectors, self.loads)
@@ -216,7 +223,7 @@ class Course:
     def along(
         self, time: float, state: Array, statuses: Sequence[Status], durations: Array,
         columns: Array | None = None, lengthen: Array | None = None, *,
-        struck: Sequence[int] = (), every: bool = False,
+        struck: Sequence[int] = (), every: bool = False, given: Array | None = None,
     ) -> Path:  # fmt: skip
         """Return the motion from a modal state at a time in s through segments.
 
@@ -226,6 +233,8 @@ class Course:
         `lengthen` (shape (m, k)): derivatives of the durations.
         `struck`: the rigid stop that is hit at the end of each of the first segments, -1 for none.
         `every`: whether the columns are kept at the ends of all segments.
+        `given` (shape (m, 2n)): modal states in which segments begin, but for the first; by default those in which the
+        segments before end. What these miss of them enters the last column.
         Raises `ConvergenceError` if a motion that is followed backwards in time grows too much.
         """
         table, size = self._known(statuses), 2 * self.space.size
@@ -242,13 +251,15 @@ class Course:
         grouped = any(group is not None for group in table.groups)
         with kernels(compiled=False) if grouped else nullcontext():
             moved = table.pieces._replace(response=response(bool(table.pieces.pairs.any())))
-            starts, ends, means, shifts, end_rows, mean_rows, last, sizes = pass_segments(
+            begins, starts, ends, means, shifts, end_rows, mean_rows, last, sizes = pass_segments(
                 self._structure, table.maps, moved, table.groups if grouped else None, time,
-                np.ascontiguousarray(state), numbers, durations, hit, np.array(columns, order="C"),
+                np.ascontiguousarray(state), numbers, durations, hit,
+                np.empty((0, size)) if given is None else np.ascontiguousarray(given), np.array(columns, order="C"),
                 np.ascontiguousarray(lengthen), kept, self.horizon,
             )  # fmt: skip
+        z, v, *missed = sizes.tolist()
         times = time + np.append(0.0, np.cumsum(durations[:-1]))
         return Path(
-            self, statuses, times, durations, starts, ends, means, shifts, end_rows, mean_rows, last, kept,
-            (float(sizes[0]), float(sizes[1])),
+            self, statuses, times, durations, begins, starts, ends, means, shifts, end_rows, mean_rows, last, kept,
+            (z, v), (missed[0], missed[1]),
         )  # fmt: skip

@@ -366,26 +366,30 @@ def _columns_after(
 @jit
 def pass_segments(
     structure: Structure, maps: Maps, loads: Pieces, groups: list[Group | None] | None, time: float, state: Array,
-    status: IntArray, durations: Array, struck: IntArray, columns: Array, lengthen: Array, all_columns: Array,
-    horizon: float,
-) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:  # fmt: skip
+    status: IntArray, durations: Array, struck: IntArray, given: Array, columns: Array, lengthen: Array,
+    all_columns: Array, horizon: float,
+) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array]:  # fmt: skip
     """Follow a motion from a modal state (2n,) at a time through m segments, with k columns (2n, k).
 
     The columns at the ends of segments are written to `all_columns`, shape (m, 2n, k) or empty. At the end of a segment
     the rigid stop `struck` may be hit, -1 for none; the state at the end is that before this impact.
+    Segments after the first begin in `given` modal states, shape (m, 2n), or, where it is empty, where the one before
+    ends. What a segment misses of the given state of the next one enters the last column there.
 
-    Returns `starts, ends` (shape (m, 2n)): modal states.
+    Returns `begins, starts, ends` (shape (m, 2n)): modal states, at the begin before and after pinned contacts are put
+    at their gaps.
     Returns `means` (shape (m, c)): mean rates of the contacts' coordinates.
     Returns `shifts` (shape (m, k)): derivatives of the times of the ends.
     Returns `end_rows, mean_rows` (shape (m, c, k)): derivatives of the contacts' coordinates at the ends, and of their
     mean rates.
     Returns `columns` (shape (2n, k)): at the end of the last segment, after an impact there.
-    Returns `sizes` (shape (2,)): largest norms of displacement and velocity.
+    Returns `sizes` (shape (4,)): largest norms of displacement and velocity, and of what is missed of given states.
     """
     m, n, c, k = durations.size, state.size // 2, structure.gap.size, columns.shape[1]
-    starts, ends, means = np.empty((m, 2 * n)), np.empty((m, 2 * n)), np.zeros((m, c))
+    begins, starts, ends = np.empty((m, 2 * n)), np.empty((m, 2 * n)), np.empty((m, 2 * n))
+    means = np.zeros((m, c))
     shifts, end_rows, mean_rows = np.zeros((m, k)), np.zeros((m, c, k)), np.zeros((m, c, k))
-    shift, sizes = np.zeros(k), np.zeros(2)
+    shift, sizes = np.zeros(k), np.zeros(4)
     first_size = np.zeros(k)
     for j in range(k):
         first_size[j] = np.max(np.abs(columns[:, j]))
@@ -395,6 +399,14 @@ def pass_segments(
     state = state.copy()
     for i in range(m):
         s, h = status[i], durations[i]
+        if i > 0 and given.shape[0]:
+            missed = state - given[i]
+            sizes[2] = max(sizes[2], np.sqrt(np.sum(missed[:n] ** 2)))
+            sizes[3] = max(sizes[3], np.sqrt(np.sum(missed[n:] ** 2)))
+            for a in range(2 * n if k else 0):
+                columns[a, k - 1] += missed[a]
+            state = given[i].copy()
+        begins[i] = state
         z, v = state[:n].copy(), state[n:].copy()
         shifted = maps.shift[s]
         if maps.carry.shape[0]:
@@ -450,4 +462,4 @@ def pass_segments(
                 speeds = kick * (row @ columns[n:].copy())
                 for a in range(n):
                     columns[n + a] = columns[n + a] - row[a] * speeds
-    return starts, ends, means, shifts, end_rows, mean_rows, columns, sizes
+    return begins, starts, ends, means, shifts, end_rows, mean_rows, columns, sizes

@@ -105,9 +105,12 @@ def point_between(
         plane = normal
         guess = guess + normal * (normal @ (values[0] + share * step.secant - guess))
     by_value = (1.0 - share) * first.by_value + share * last.by_value
+    every = {0.0: first, 1.0: last, **known}
+    nearest = every[min(every, key=lambda one: abs(one - share))]
     y, evaluation, by_value = corrected(
-        family, first.chart, guess * scales, scales, plane, by_value, tolerance=tolerance, renewed=True
-    )
+        family, first.chart, guess * scales, scales, plane, by_value, tolerance=tolerance, renewed=True,
+        near=nearest.evaluation,
+    )  # fmt: skip
     towards = first.tangent
     if tangent:
         by_value = derivative_by_value(family, first.chart, y, evaluation)

@@ -29,6 +29,7 @@ from vofem.errors import ConvergenceError
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.newton import ROUNDING, direction, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
+from vofem.studies.steady.signature import States
 
 #: Steps of Newton's method to a special orbit.
 _STEPS = 12
@@ -128,22 +129,24 @@ class Extended:
 
     # -- equations ------------------------------------------------------------------------------------
 
-    def evaluate(self, problem: Any, y: Array, *, derivative: bool = True) -> ExtendedEvaluation:
+    def evaluate(self, problem: Any, y: Array, *, derivative: bool = True, near: Any = None) -> ExtendedEvaluation:
         """Return the equations at the orbit's coordinates, theta or s, and `value`, shape (m,)."""
         m = y.size - self.more
-        now = self.inner.evaluate(problem, y[:m])
+        now = self.inner.evaluate(problem, y[:m], near=near)
         if self.kind == "grazing":
             return self._grazing(problem, y, now, derivative)
         branch = self.kind == "branch_point"
         step = (_WIDER if branch else 1.0) * _BY_VALUE * self.size
         ends: list[Any] = []
         if derivative or branch:
-            ends = [self._at(problem, y[:m], sign * step, derivative=not branch) for sign in (1.0, -1.0)]
+            ends = [self._at(problem, now, y[:m], sign * step, derivative=not branch) for sign in (1.0, -1.0)]
         by_value = (ends[0].residual - ends[1].residual) / (2.0 * step) if ends else np.zeros(m)
         if branch:
             # Here the derivative is a part of the condition itself: six values give it more digits.
             for away, share in ((2.0, -0.3), (3.0, 1.0 / 30.0)):
-                far = [self._at(problem, y[:m], sign * away * step, derivative=False).residual for sign in (1.0, -1.0)]
+                far = [
+                    self._at(problem, now, y[:m], sign * away * step, derivative=False).residual for sign in (1.0, -1.0)
+                ]
                 by_value = by_value + share * (far[0] - far[1]) / (3.0 * step)
             by_value = 1.5 * by_value
         matrix = self._matrix(problem, now, y[m], by_value)
@@ -165,7 +168,7 @@ class Extended:
         jacobian[:m, :m], jacobian[:m, -1] = now.jacobian, by_value
         if branch:
             jacobian[: rows.size, m] = left[:, 0] / rows
-        slopes = self._slopes(problem, y[:m], test)
+        slopes = self._slopes(problem, now, y[:m], test)
         bend = np.nan
         if branch:
             jacobian[m:, :m], jacobian[m:, -1] = slopes[:, :m], slopes[:, m]
@@ -215,16 +218,16 @@ class Extended:
         if not derivative:
             return ExtendedEvaluation(now, residual, np.empty((0, 0)), error)
         step = _BY_VALUE * self.size
-        ends = [self._at(problem, y[:m], sign * step, derivative=False) for sign in (1.0, -1.0)]
+        ends = [self._at(problem, now, y[:m], sign * step, derivative=False) for sign in (1.0, -1.0)]
         jacobian = np.zeros((m + 1, m + 1))
         jacobian[:m, :m], jacobian[:m, m] = now.jacobian, (ends[0].residual - ends[1].residual) / (2.0 * step)
         jacobian[m, place] = 1.0
         return ExtendedEvaluation(now, residual, jacobian, error)
 
-    def _at(self, problem: Any, inner: Array, away: float, *, derivative: bool = True) -> Any:
+    def _at(self, problem: Any, near: Any, inner: Array, away: float, *, derivative: bool = True) -> Any:
         """Return the equations of the orbit at another `value`."""
         value, *others = problem.parameters
-        return self.inner.evaluate(self.family.at(value + away, *others), inner, derivative=derivative)
+        return self.inner.evaluate(self.family.at(value + away, *others), inner, derivative=derivative, near=near)
 
     def _reduced(self, problem: Any) -> bool:
         """Return whether the switches do not change the motion to first order, so that multipliers need none of them.
@@ -273,7 +276,7 @@ class Extended:
             raise ConvergenceError("the matrix of a special orbit is singular") from error
         return _Test(found[columns_count:].ravel(), found[:columns_count], other[:rows_count])
 
-    def _slopes(self, problem: Any, inner: Array, test: _Test) -> NDArray[Any]:
+    def _slopes(self, problem: Any, now: Any, inner: Array, test: _Test) -> NDArray[Any]:
         """Return derivatives of the tests by the orbit's coordinates, and by `value` at branch points.
 
         Second derivatives of the equations do not depend on their order. Those of all coordinates on the null vectors
@@ -292,24 +295,25 @@ class Extended:
                 # A step of a certain length in scaled coordinates.
                 length = float(np.linalg.norm(part / columns))
                 step = _ALONG / length if length > 0.0 else 1.0
-                ends = [self._derivatives(problem, inner, sign * step * part) for sign in (1.0, -1.0)]
+                ends = [self._derivatives(problem, now, inner, sign * step * part) for sign in (1.0, -1.0)]
                 slopes.append((ends[0] - ends[1])[: rows.size] / (2.0 * step))
             total = slopes[0] if len(slopes) == 1 else slopes[0] + 1j * slopes[1]
             found.append(-(weights @ total))
         return np.array(found)
 
-    def _derivatives(self, problem: Any, inner: Array, away: Array) -> Array:
+    def _derivatives(self, problem: Any, near: Any, inner: Array, away: Array) -> Array:
         """Return derivatives of the equations at a change of coordinates, and of `value` at branch points."""
         m = inner.size
         moved = inner.copy()
         moved[: min(away.size, m)] += away[:m]
         if self.kind != "branch_point":
-            return np.asarray(self.inner.evaluate(problem, moved).jacobian)
+            return np.asarray(self.inner.evaluate(problem, moved, near=near).jacobian)
         step = _ALONG * self.size
         at = float(away[m])
-        ends = [self._at(problem, moved, at + sign * step, derivative=False).residual for sign in (1.0, -1.0)]
+        now = self._at(problem, near, moved, at)
+        ends = [self._at(problem, now, moved, at + sign * step, derivative=False).residual for sign in (1.0, -1.0)]
         by_value = (ends[0] - ends[1]) / (2.0 * step)
-        return np.concatenate([self._at(problem, moved, at).jacobian, by_value[:, None]], axis=1)
+        return np.concatenate([now.jacobian, by_value[:, None]], axis=1)
 
     # -- coordinates ----------------------------------------------------------------------------------
 
@@ -344,17 +348,17 @@ class Extended:
         moved = sum(place <= self.held for place, _, _ in added) - sum(k < self.held for k in gone)
         return self._like(inner, self.held + moved), np.append(changed, y[-self.more :]), numbers
 
-    def recentred(self, problem: Any, y: Array, tangent: Array) -> tuple[Extended, Array, Array] | None:
+    def recentred(self, known: Any, y: Array, tangent: Array) -> tuple[Extended, Array, States, Array] | None:
         """Return the chart with its anchor away from all switches, or None; see `Signature.recentred`."""
         m = y.size - self.more
-        found = self.inner.recentred(problem, y[:m], np.append(tangent[:m], tangent[-1]))
+        found = self.inner.recentred(known.orbit, y[:m], np.append(tangent[:m], tangent[-1]))
         if found is None:
             return None
-        inner, changed, turned = found
+        inner, changed, begins, turned = found
         passed = (inner.anchor - self.inner.anchor) % self.inner.turn
         first = int(np.searchsorted(self.phases(y) - self.inner.anchor, passed))
         held = (self.held - first) % len(inner.switches) if self.held >= 0 else -1
-        return self._like(inner, held), np.append(changed, y[m:]), np.append(turned[:-1], tangent[m:])
+        return self._like(inner, held), np.append(changed, y[m:]), begins, np.append(turned[:-1], tangent[m:])
 
     def _like(self, inner: Any, held: int) -> Extended:
         return Extended(inner, self.family, self.kind, self.size, held)

@@ -278,12 +278,12 @@ class Follower:
         """Return a point with its anchor away from all switches."""
         if not now.chart.segmented:
             return now
-        found = now.chart.recentred(now.problem, now.y[:-1], now.tangent * now.scales)
+        found = now.chart.recentred(now.evaluation, now.y[:-1], now.tangent * now.scales)
         if found is None:
             return now
-        chart, y, towards = found
+        chart, y, begins, towards = found
         y = np.append(y, now.value)
-        evaluation = chart.evaluate(now.problem, y[:-1])
+        evaluation = chart.evaluate(now.problem, y[:-1], near=begins)
         scales = scales_of(self.family, chart, now.problem, evaluation)
         return point_at(self.family, chart, y, towards / scales, evaluation)
 
@@ -314,7 +314,8 @@ class Follower:
             bend = (slope - earlier[1][-1]) / earlier[2]
         held = isinstance(now.chart, Signature) and abs(slope) > max(_FOLD * step * abs(bend), _LEVEL)
         normal = level(guess.size, np.sign(slope)) if held else now.tangent
-        return corrected(self.family, now.chart, guess, now.scales, normal, now.by_value, renewed=True)
+        near = now.evaluation
+        return corrected(self.family, now.chart, guess, now.scales, normal, now.by_value, renewed=True, near=near)
 
     def _accepted(self, now: Point, y: Array, evaluation: Any, by_value: Array, step: float) -> Point | None:
         """Return a corrected point, or None where the branch has turned too far.
@@ -414,7 +415,8 @@ class Follower:
         guess = now.y + share * (after.y - now.y)
         guess[-1] = end
         try:
-            y, evaluation, _ = corrected(self.family, now.chart, guess, now.scales, None, now.by_value)
+            near = now.evaluation
+            y, evaluation, _ = corrected(self.family, now.chart, guess, now.scales, None, now.by_value, near=near)
             last = point_at(self.family, now.chart, y, now.tangent, evaluation)
             if now.chart.segmented and passage(self.family, now, last) is not None:
                 return None

@@ -107,8 +107,15 @@ def _evaluated(
 
 def _polished(now: SignatureEvaluation) -> SignatureEvaluation | None:
     """Return the solution near an evaluation with the same signature, or None."""
+    latest = now
+
+    def evaluate(y: Array) -> SignatureEvaluation:
+        nonlocal latest
+        latest = now.chart.evaluate(now.problem, y, near=latest)
+        return latest
+
     try:
-        found = solved(lambda y: now.chart.evaluate(now.problem, y), now.y, _POLISHED, known=now, halvings=0)
+        found = solved(evaluate, now.y, _POLISHED, known=now, halvings=0)
     except ConvergenceError:
         return None
     polished: SignatureEvaluation = found.evaluation.stripped()

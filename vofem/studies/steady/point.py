@@ -35,8 +35,8 @@ class OriginChart:
     #: Whether orbits are divided into segments, whose switches are watched.
     segmented = False
 
-    def evaluate(self, problem: Any, y: Array, *, derivative: bool = True) -> Any:
-        """Return the equations."""
+    def evaluate(self, problem: Any, y: Array, *, derivative: bool = True, near: Any = None) -> Any:
+        """Return the equations, which need no states of a neighbour."""
         return problem.evaluate(y, derivative=derivative)
 
     def scales(self, problem: Any, evaluation: Any) -> Array:
@@ -108,7 +108,7 @@ def derivative_by_value(family: Family, chart: Any, y: Array, evaluation: Any) -
     step = max(_DIFFERENCE * family.interval.size, _LEAST * abs(value))
     beside = y.copy()
     beside[-1] += -step if value > 0.5 * (family.interval.start + family.interval.stop) else step
-    moved = chart.evaluate(family.of(beside), y[:-1], derivative=False)
+    moved = chart.evaluate(family.of(beside), y[:-1], derivative=False, near=evaluation)
     return np.asarray((moved.residual - evaluation.residual) / (beside[-1] - value))
 
 
@@ -119,8 +119,10 @@ class _OnPlane:
     """
 
     def __init__(
-        self, family: Family, chart: Any, guess: Array, scales: Array, normal: Array, by_value: Array, renewed: bool
-    ) -> None:
+        self, family: Family, chart: Any, guess: Array, scales: Array, normal: Array, by_value: Array, near: Any,
+        renewed: bool,
+    ) -> None:  # fmt: skip
+        self.near = near
         self.family, self.chart, self.guess, self.scales, self.normal = family, chart, guess, scales, normal
         self.by_value, self.renewed = by_value, renewed
         self._before: Any = None
@@ -128,7 +130,7 @@ class _OnPlane:
 
     def evaluate(self, y: Array) -> Any:
         """Return the equations."""
-        return self.chart.evaluate(self.family.of(y), y[:-1])
+        return self.chart.evaluate(self.family.of(y), y[:-1], near=self.near)
 
     def improve(self, now: Any) -> None:
         """Take the derivative by the parameter that explains the last step, where the parameter moved enough in it."""
@@ -142,6 +144,7 @@ class _OnPlane:
     def step(self, y: Array, now: Any) -> Array:
         """Return the step of Newton's method."""
         self.improve(now)
+        self.near = now
         if self.renewed and self._steps > 1 and self._moved[-1] != 0.0 and now.error > _SLOW * self._before.error:
             self.by_value = derivative_by_value(self.family, self.chart, y, now)
         matrix = np.empty((y.size, y.size))
@@ -163,6 +166,7 @@ def corrected(
     steps: int = _STEPS,
     tolerance: float = TOLERANCE,
     renewed: bool = False,
+    near: Any = None,
 ) -> tuple[Array, Any, Array]:
     """Return an orbit near a guess, on the plane through it with a normal: `y` (n + 1,), evaluation, `by_value` (n,).
 
@@ -173,10 +177,11 @@ def corrected(
     `steps`: largest number of evaluations.
     `tolerance`: error of an evaluation that is small enough. If it is below rounding, the best point is returned.
     `renewed`: whether the derivative with respect to the parameter is computed anew where the iteration is slow.
+    `near`: an evaluation near the guess, or `States`, for coordinates with segments.
     Raises `ConvergenceError`.
     """
     normal = level(guess.size) if normal is None else normal
-    plane = _OnPlane(family, chart, guess, scales, normal, by_value, renewed)
+    plane = _OnPlane(family, chart, guess, scales, normal, by_value, near, renewed)
     found = solved(plane.evaluate, guess, steps - 1, tolerance=tolerance, step=plane.step, halvings=0, growth=_GROWTH)
     plane.improve(found.evaluation)
     now = found.evaluation
@@ -184,10 +189,10 @@ def corrected(
     return found.unknowns, now.stripped() if hasattr(now, "stripped") else now, plane.by_value
 
 
-def point_at(family: Family, chart: Any, y: Array, towards: Array, evaluation: Any = None) -> Point:
-    """Return a point with its tangent on the side of a direction in scaled coordinates."""
+def point_at(family: Family, chart: Any, y: Array, towards: Array, evaluation: Any = None, near: Any = None) -> Point:
+    """Return a point with its tangent on the side of a direction in scaled coordinates; `near` as in `corrected`."""
     problem = family.of(y)
-    evaluation = chart.evaluate(problem, y[:-1]) if evaluation is None else evaluation
+    evaluation = chart.evaluate(problem, y[:-1], near=near) if evaluation is None else evaluation
     scales = scales_of(family, chart, problem, evaluation)
     by_value = derivative_by_value(family, chart, y, evaluation)
     return Point(chart, y, problem, evaluation, scales, by_value, tangent_at(evaluation, by_value, scales, towards))

@@ -38,10 +38,12 @@ CLOSES = 1e-8
 def relative(residual: Array, sizes: tuple[float, float]) -> float:
     """Return the size of a difference of states over sizes of displacements and velocities."""
     n = residual.size // 2
-    parts = [
-        float(np.linalg.norm(part)) / size if size > 0.0 else float(np.linalg.norm(part) > 0.0)
-        for part, size in zip((residual[:n], residual[n:]), sizes, strict=True)
-    ]
+    return share((float(np.linalg.norm(residual[:n])), float(np.linalg.norm(residual[n:]))), sizes)
+
+
+def share(norms: tuple[float, float], sizes: tuple[float, float]) -> float:
+    """Return the larger of two norms over the sizes that belong to them."""
+    parts = [norm / size if size > 0.0 else float(norm > 0.0) for norm, size in zip(norms, sizes, strict=True)]
     return max(parts) if np.all(np.isfinite(parts)) else np.inf
 
 

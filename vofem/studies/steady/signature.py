@@ -9,6 +9,11 @@ just grazes the contact. All equations are analytic in the unknowns and in the p
 An impact on a rigid stop is a switch that leaves the contact open; the state passes a linear map there. A slider
 switches where its speed is zero, or where its reaction reaches the limit at which it breaks away.
 
+In Newton's method the states in which segments begin are unknowns too. A stiff contact magnifies differences, from one
+touch to the next, until no Newton step from the state at the anchor alone would converge. What a segment misses of the
+state in which the next one begins is one more column, so linear systems stay small (J. Albersmeyer, M. Diehl, SIAM J.
+Optim. 20, 2010, doi:10.1137/080724885).
+
 H. Dankowicz, F. Schilder, Recipes for Continuation, SIAM 2013, doi:10.1137/1.9781611972573 (segments as unknowns).
 """
 
@@ -31,7 +36,7 @@ from vofem.laws.friction import UP
 from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.newton import direction
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
-from vofem.studies.steady.shooting import CLOSES, Shooting, relative
+from vofem.studies.steady.shooting import CLOSES, Shooting, relative, share
 from vofem.system import CLOSED, PINNED
 
 #: Samples of an orbit from which its range is refined, samples among which extremes of gap functions are searched, and
@@ -98,6 +103,13 @@ class Extreme(NamedTuple):
     height: float
 
 
+class States(NamedTuple):
+    """Where segments begin: coordinates of a signature, shape (m,), and the states there in unknowns, (k + 1, 2n)."""
+
+    y: Array
+    states: Array
+
+
 @dataclass(frozen=True)
 class SignatureEvaluation:
     """The equations of the orbits of a signature at some unknowns."""
@@ -106,10 +118,15 @@ class SignatureEvaluation:
     problem: Shooting
     y: Array  #: The unknowns, shape (m,).
     path: Path  #: The motion through the segments.
-    residual: Array  #: Shape (m,).
+    residual: Array  #: Shape (m,); to first order that of segments that begin where those before end.
     jacobian: Array  #: Empty without derivatives, shape (m, m).
     error: float  #: The largest residual over the size of the motion.
     sizes: tuple[float, float]  #: Sizes of modal displacements and velocities.
+
+    @property
+    def states(self) -> Array:
+        """The states in unknowns in which the segments begin, shape (k + 1, 2n)."""
+        return self.problem.unmodal(self.path.begins.T).T
 
     @cached_property
     def closing(self) -> float:
@@ -371,37 +388,63 @@ class Signature:
 
     # -- equations ------------------------------------------------------------------------------------
 
-    def evaluate(self, problem: Shooting, y: Array, *, derivative: bool = True) -> SignatureEvaluation:
-        """Return the equations; raise `ConvergenceError` if the motion cannot be followed."""
+    def evaluate(
+        self, problem: Shooting, y: Array, *, derivative: bool = True, near: SignatureEvaluation | States | None = None
+    ) -> SignatureEvaluation:
+        """Return the equations; raise `ConvergenceError` if the motion cannot be followed.
+
+        `near`: states in which segments begin at coordinates nearby, from which those here follow to first order. By
+        default each segment begins where the one before ends.
+        """
         n, k = problem.size, len(self.switches)
         omega, lengths = problem.loads.omega, self.lengths(y)
         if not np.all(np.isfinite(y)) or np.any(lengths < -0.5 * self.turn):
             raise ConvergenceError("the iteration diverged: an unknown has no bound")
-        columns, lengthen = None, None
+        given = None if near is None or not k else self._begins(problem, y, near)
+        m, lifted = (n + k) * derivative, given is not None
+        columns, lengthen = np.zeros((n, m + lifted)), np.zeros((k + 1, m + lifted))
         if derivative:
-            columns, lengthen = np.zeros((n, n + k)), np.zeros((k + 1, n + k))
             columns[:, :n] = problem.modal(np.eye(n))
-            lengthen[:k, n:] = np.eye(k) / omega
-            lengthen[k, n:] = -1.0 / omega
+            lengthen[:k, n:m] = np.eye(k) / omega
+            lengthen[k, n:m] = -1.0 / omega
         problem.work.flows += derivative
         path = problem.course.along(
             self.anchor / omega, problem.modal(y[:n]), self.statuses, lengths / omega, columns, lengthen,
-            struck=self.struck, every=derivative and self._releases,
+            struck=self.struck, every=(derivative or lifted) and self._releases, given=given,
         )  # fmt: skip
-        closing = problem.unmodal(path.ends[-1]) - y[:n]
-        residual, jacobian = np.empty(n + k), np.empty((n + k, n + k) if derivative else (0, 0))
-        residual[:n] = closing
+        residual, jacobian = np.empty(n + k), np.empty((m, m))
+        residual[:n] = closing = problem.unmodal(path.ends[-1]) - y[:n]
+        error = max(relative(closing, path.sizes), share(path.missed, path.sizes))
         if derivative:
-            jacobian[:n] = problem.unmodal(path.columns)
+            jacobian[:n] = problem.unmodal(path.columns[:, :m])
             jacobian[:n, :n] -= np.eye(n)
-        error = relative(closing, path.sizes)
         if k:
             values, rows, sizes = self._switching(problem, path)
             residual[n:] = values / sizes
             error = max(error, float(np.abs(residual[n:]).max()))
             if derivative:
-                jacobian[n:] = rows / sizes[:, None]
+                jacobian[n:] = rows[:, :m] / sizes[:, None]
+            if lifted:
+                residual += np.concatenate([problem.unmodal(path.columns[:, m]), rows[:, m] / sizes])
+        if not np.all(np.isfinite(residual)):
+            error = np.inf
         return SignatureEvaluation(self, problem, y.copy(), path, residual, jacobian, error, path.sizes)
+
+    def _begins(self, problem: Shooting, y: Array, near: SignatureEvaluation | States) -> Array:
+        """Return modal states in which segments begin, shape (k + 1, 2n), from those at coordinates nearby."""
+        begins, moved, omega = problem.modal(near.states.T).T, y - near.y, problem.loads.omega
+        if not moved.any():
+            return begins
+        path = problem.course.along(
+            self.anchor / omega, begins[0], self.statuses, self.lengths(near.y) / omega,
+            problem.modal(moved[: problem.size])[:, None], self.rates(np.append(moved, 0.0))[:, None] / omega,
+            struck=self.struck, every=True, given=begins,
+        )  # fmt: skip
+        after, n, rows = path.ends + path.all_columns[:, :, 0], problem.size // 2, problem.space.contacts
+        for index, stop in enumerate(self.struck):
+            if stop >= 0:
+                after[index, n:] -= problem.course.kick[stop] * (rows[stop] @ after[index, n:]) * rows[stop]
+        return np.concatenate([begins[:1], after[:-1]])
 
     def smooth(self, problem: Shooting) -> bool:
         """Return whether the motion has a continuous derivative through all switches."""
@@ -665,6 +708,22 @@ class Signature:
         numbers = [order.index(index) for index in range(len(added))]
         return new, np.append(y[: y.size - len(self.switches)], changed), numbers
 
+    def begins_of(
+        self, known: SignatureEvaluation, gone: Sequence[int] = (), added: Sequence[tuple[int, float, Switch]] = ()
+    ) -> States:
+        """Return where the segments of an edited signature begin in the motion of an evaluation; see `edited`."""
+        new, y, numbers = self.edited(known.y, gone, added)
+        path, kept = known.path, (k for k in range(len(self.switches)) if k not in gone)
+        begins = [path.begins[0]]
+        for index in range(len(new.switches)):
+            if index in numbers:
+                k, phase, _ = added[numbers.index(index)]
+                time = np.array([phase / known.problem.loads.omega - path.times[k]])
+                begins.append(np.concatenate(path.motion(k).modes(time))[:, 0])
+            else:
+                begins.append(path.begins[next(kept) + 1])
+        return States(y, known.problem.unmodal(np.array(begins).T).T)
+
     @cached_property
     def touches(self) -> list[tuple[int, int]]:
         """Pairs of switches of one contact of which the second undoes the first."""
@@ -696,14 +755,17 @@ class Signature:
         half = Signature(self.start, self.switches[: k // 2], self.anchor, self.periods // 2)
         return half, np.concatenate([y[:n], y[n : n + k // 2]])
 
-    def recentred(self, problem: Shooting, y: Array, tangent: Array) -> tuple[Signature, Array, Array] | None:
-        """Return signature, coordinates and direction with the anchor in the middle of the longest segment.
+    def recentred(
+        self, known: SignatureEvaluation, y: Array, tangent: Array
+    ) -> tuple[Signature, Array, States, Array] | None:
+        """Return signature, coordinates, states and direction with the anchor in the middle of the longest segment.
 
         None where the anchor is far enough from all switches. The state is followed forwards in time only, because fast
         modes grow without bound backwards. `tangent` are derivatives of the coordinates along the branch. Those of the
         lengths and the parameter tell the direction; those of the state, which need the parameter's effect, are 0.
         """
-        lengths, k, n = self.lengths(y), len(self.switches), problem.size
+        problem, path, k = known.problem, known.path, len(self.switches)
+        lengths, n = self.lengths(y), problem.size
         around = np.append(lengths[1:k], lengths[0] + lengths[k])
         if not k or min(lengths[0], lengths[-1]) >= _NEAR_ANCHOR * around.max():
             return None
@@ -715,16 +777,13 @@ class Signature:
             inside = shift if shift >= 0.0 else lengths[k] + shift
         else:
             first, inside = longest + 1, 0.5 * lengths[longest + 1]
-        omega, cut = problem.loads.omega, lengths[: first + 1].copy()
-        cut[first] = inside
         turned = tangent[n:-1]
-        path = problem.course.along(
-            self.anchor / omega, problem.modal(y[:n]), self.statuses[: first + 1], cut / omega,
-            struck=self.struck[:first],
-        )  # fmt: skip
-        state = problem.unmodal(path.ends[-1])
+        state = np.concatenate(path.motion(first).modes(np.array([inside / problem.loads.omega])))[:, 0]
+        # The last segment goes on in the first one.
+        begins = np.concatenate([state[None], path.begins[first + 1 :], path.begins[1 : first + 1]])
+        states = problem.unmodal(begins.T).T
         switches = (*self.switches[first:], *self.switches[:first])
-        anchor = self.anchor + float(cut.sum())
+        anchor = self.anchor + float(lengths[:first].sum() + inside)
         # Shifted by whole orbits, so that the phase stays small.
         anchor -= np.floor(anchor / self.turn) * self.turn
         # Each part ends at its switch; the anchor itself stays at its phase.
@@ -738,7 +797,8 @@ class Signature:
         )
         start = tuple(int(s) for s in self.statuses[first])
         new = Signature(start, switches, anchor, self.periods)
-        return new, np.concatenate([state, rest]), np.concatenate([np.zeros(n), slopes, tangent[-1:]])
+        moved = np.append(states[0], rest)
+        return new, moved, States(moved, states), np.concatenate([np.zeros(n), slopes, tangent[-1:]])
 
 
 def _lasting(start: int, switches: list[tuple[float, int]]) -> list[int]:

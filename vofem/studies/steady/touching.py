@@ -24,7 +24,7 @@ from vofem.studies.steady.between import Step, point_between
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.newton import solved
 from vofem.studies.steady.point import Point, corrected, derivative_by_value, level, point_at, scales_of
-from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Extreme, Signature, Switch, signature_of
+from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Extreme, Signature, States, Switch, signature_of
 from vofem.system import CLOSED, OPEN, PINNED
 
 #: Error of an evaluation of a grazing: as small as rounding allows.
@@ -57,6 +57,10 @@ _TOGETHER, _ROUNDINGS, _ALIKE = 1e-13, 2.0, 1e-6
 
 #: Rate of the parameter, in scaled coordinates, that may be rounding beside a grazing.
 _ROUNDED = 1e-8
+
+#: Rate at which an extreme moves away from its gap, over the size of the motion and in scaled coordinates, that may be
+#: rounding.
+_LEAVES = 1e-5
 
 #: Share of a step beyond its end up to which a change may lie, and distance before its begin that is rounding.
 _OUTSIDE, _BEHIND = 0.05, 1e-8
@@ -386,22 +390,24 @@ def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple
     """Return a change of the signature, and the switches of what ends there."""
     old: Signature = now.chart
     pairs, guess = change.pairs, now.y + change.share * (after.y - now.y)
+    near = now if change.share < 0.5 else after
     if change.begins is not None:
         if change.share <= _AT_BEGIN and _away_along(family, now, [change.begins])[0] > 0.0:
             # It has just been grazed, leaves the gap, and comes back within the step.
             raise ConvergenceError("a contact leaves its gap and comes back in one step")
-        outer, every = _outside(family, old, guess, change.begins, now.tangent)
+        outer, every = _outside(family, old, guess, change.begins, now.tangent, near.evaluation)
         _between(now, after, outer.y)
         outer = _along(now, outer)
         return Passage(outer, outer, _inside(family, outer, every), _contacts(every)), ()
     if not _ends(old, pairs[0]):
-        return _swapped(family, now, after, guess, pairs[0][1]), pairs
+        return _swapped(family, now, after, guess, pairs[0][1], near.evaluation), pairs
     phases = old.phases(guess[:-1])
     gone = sorted({index for p, k in pairs for index in _gone(now.problem, old, p, k)})
     middles = [Mark(old.switches[k].contact, float(0.5 * (phases[p] + phases[k]))) for p, k in pairs]
     out, y, _ = old.edited(guess[:-1], gone)
     upwards = np.append(np.zeros(y.size), 1.0)
-    outer, every = _outside(family, out, np.append(y, guess[-1]), middles[0], upwards)
+    begins = old.begins_of(near.evaluation, gone)
+    outer, every = _outside(family, out, np.append(y, guess[-1]), middles[0], upwards, begins)
     ended: list[Mark] = []
     for contact, middle in middles:
         mine = [mark for mark in every if mark.contact == contact]
@@ -424,7 +430,8 @@ def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple
             groups[-1] = groups[-1][0], max(groups[-1][1], k)
         else:
             groups.append((p, k))
-    inner = _beyond(family, old, zero, [((p + k + 1) // 2, (k - p + 1) // 2) for p, k in groups])
+    places = [((p + k + 1) // 2, (k - p + 1) // 2) for p, k in groups]
+    inner = _beyond(family, old, zero, places, near.evaluation)
     if inner is None:
         raise ConvergenceError("what ends at a grazing does not do so in one direction of the branch")
     before, values = replace(inner, tangent=-inner.tangent), _watched(now)
@@ -445,10 +452,12 @@ def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple
 def _opposed(family: Family, before: Point, outer: Point, ended: Mark) -> bool:
     """Return whether the orbit outside has the direction from which a branch comes, and not that in which it goes on.
 
-    Where forces are smooth, states change evenly through a grazing. Elsewhere the branch moves away from the grazing.
+    The branch goes on where what has ended moves away. Where that is rounding, and forces are smooth, states change
+    evenly through a grazing; beside a stiff contact they do so within a length that is rounding only.
     """
-    if _law(outer.problem, ended.contact) != "smooth":
-        return bool(_away_along(family, outer, [ended])[0] < 0.0)
+    away = float(_away_along(family, outer, [ended])[0])
+    if _law(outer.problem, ended.contact) != "smooth" or abs(away) > _LEAVES * outer.evaluation.size_of(ended.contact):
+        return away < 0.0
     own = [*range(outer.problem.size), -1]
     come, gone = ((point.tangent * point.scales)[own] / outer.scales[own] for point in (before, outer))
     return bool(come @ gone < 0.0)
@@ -458,11 +467,11 @@ def _contacts(marks: Sequence[Mark]) -> tuple[int, ...]:
     return tuple(sorted(mark.contact for mark in marks))
 
 
-def _swapped(family: Family, now: Point, after: Point, guess: Array, k: int) -> Passage:
+def _swapped(family: Family, now: Point, after: Point, guess: Array, k: int, near: Any) -> Passage:
     """Return the orbit in which two contacts switch at one time, and the same one with the switches in other order."""
     chart: Signature = now.chart
     place = now.problem.size + k
-    at = _with_length(family, chart, guess, place, 0.0)
+    at = _with_length(family, chart, guess, place, 0.0, near)
     _between(now, after, at.y)
     one, other = (at.problem.space.contacts[chart.switches[j].contact] for j in (k - 1, k))
     coupled = abs(one @ other) > ROUNDING * float(np.linalg.norm(one) * np.linalg.norm(other))
@@ -471,10 +480,12 @@ def _swapped(family: Family, now: Point, after: Point, guess: Array, k: int) -> 
             "two impacts happen at the same time, of bodies that move each other; beyond, their order is another one, "
             "and so is the motion"
         )
-    new, y, _ = chart.edited(at.y[:-1], [k], [(k - 1, float(chart.phases(at.y[:-1])[k]), chart.switches[k])])
+    edit = [k], [(k - 1, float(chart.phases(at.y[:-1])[k]), chart.switches[k])]
+    new, y, _ = chart.edited(at.y[:-1], *edit)
     towards = np.zeros(at.y.size)
     towards[place] = 1.0
-    return Passage(_along(now, at), at, point_at(family, new, np.append(y, at.value), towards), ())
+    beyond = point_at(family, new, np.append(y, at.value), towards, near=chart.begins_of(at.evaluation, *edit))
+    return Passage(_along(now, at), at, beyond, ())
 
 
 def _gone(problem: Any, chart: Signature, p: int, k: int) -> list[int]:
@@ -489,14 +500,21 @@ def _gone(problem: Any, chart: Signature, p: int, k: int) -> list[int]:
     return [p]
 
 
-def _outside(family: Family, chart: Signature, guess: Array, mark: Mark, towards: Array) -> tuple[Point, list[Mark]]:
-    """Return the orbit near a guess in which something is about to begin, and all that is, this one first."""
-    long, y, ((k, _),) = _begun(family.of(guess), chart, guess[:-1], [mark], touches=True)
-    at = _with_length(family, long, np.append(y, guess[-1]), family.of(guess).size + k, 0.0)
+def _outside(
+    family: Family, chart: Signature, guess: Array, mark: Mark, towards: Array, near: Any
+) -> tuple[Point, list[Mark]]:
+    """Return the orbit near a guess in which something is about to begin, and all that is, this one first.
+
+    `near`: an evaluation near the guess, or `States`.
+    """
+    known = chart.evaluate(family.of(guess), guess[:-1], derivative=False, near=near)
+    long, y, begins, ((k, _),) = _begun(known, chart, guess[:-1], [mark], touches=True)
+    at = _with_length(family, long, np.append(y, guess[-1]), known.problem.size + k, 0.0, begins)
     slides = _law(at.problem, mark.contact) == "stick"
     mark = mark._replace(phase=float(long.phases(at.y[:-1])[k]))
-    y = np.append(long.edited(at.y[:-1], [k - 1] if slides else [k - 1, k])[1], at.value)
-    point = point_at(family, chart, y, towards)
+    gone = [k - 1] if slides else [k - 1, k]
+    y = np.append(long.edited(at.y[:-1], gone)[1], at.value)
+    point = point_at(family, chart, y, towards, near=long.begins_of(at.evaluation, gone))
     own = [_mark(chart, y, k) for k in range(len(chart.switches))]
     together = max(_TOGETHER, _ROUNDINGS * point.evaluation.rounding)
     found = [
@@ -511,19 +529,20 @@ def _outside(family: Family, chart: Signature, guess: Array, mark: Mark, towards
 
 def _inside(family: Family, outer: Point, marks: Sequence[Mark]) -> Point | None:
     """Return the first orbit in which all has begun that is about to; None if there is none beside."""
-    chart, y, places = _begun(outer.problem, outer.chart, outer.y[:-1], marks)
-    inner = _beyond(family, chart, np.append(y, outer.value), places)
+    chart, y, begins, places = _begun(outer.evaluation, outer.chart, outer.y[:-1], marks)
+    inner = _beyond(family, chart, np.append(y, outer.value), places, begins)
     return inner if inner is None else _not_turned(inner, outer)
 
 
 def _begun(
-    problem: Any, chart: Signature, y: Array, marks: Sequence[Mark], *, touches: bool = False
-) -> tuple[Signature, Array, list[tuple[int, int]]]:
-    """Return the signature in which marks have begun without any length, coordinates, and what has begun.
+    known: Any, chart: Signature, y: Array, marks: Sequence[Mark], *, touches: bool = False
+) -> tuple[Signature, Array, States, list[tuple[int, int]]]:
+    """Return the signature in which marks have begun without any length, coordinates, states, and what has begun.
 
     For each touch or stick the number of the switch that ends its length, and of the contacts that touch at once; for
     an impact its number, and 0. `touches`: impacts on rigid stops are touches without length too.
     """
+    problem = known.problem
     groups: list[tuple[float, list[int]]] = []
     for contact, phase in sorted(marks, key=lambda mark: mark.phase):
         if groups and _alike(chart, groups[-1][0], phase):
@@ -547,8 +566,9 @@ def _begun(
         if touched:
             ends.append((len(added) + len(touched), 0, len(touched)))
             added += touch(chart, y, touched, phase)
+    begins = chart.begins_of(known, (), added)
     chart, y, numbers = chart.edited(y, (), added)
-    return chart, y, [(numbers[index] + later, count) for index, later, count in ends]
+    return chart, y, begins, [(numbers[index] + later, count) for index, later, count in ends]
 
 
 def touch(chart: Signature, y: Array, contacts: Sequence[int], phase: float) -> list[tuple[int, float, Switch]]:
@@ -559,10 +579,10 @@ def touch(chart: Signature, y: Array, contacts: Sequence[int], phase: float) -> 
     return [(number, phase, one) for one in (*there, *(Switch(j, int(now[j])) for j in contacts))]
 
 
-def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[int, int]]) -> Point | None:
+def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[int, int]], near: Any) -> Point | None:
     """Return the orbit just beyond one at which something begins without length or speed, as `_begun` tells.
 
-    None if none beside has all of it.
+    None if none beside has all of it. `near`: an evaluation near the coordinates, or `States`.
     """
     problem = family.of(y)
     n = problem.size
@@ -579,7 +599,7 @@ def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[i
                 if k + count < len(chart.switches):
                     guess[n + k + count] -= 0.5 * length
             try:
-                inner = _with_length(family, chart, guess, lengths[0], length)
+                inner = _with_length(family, chart, guess, lengths[0], length, near)
             except ConvergenceError:
                 if inner is None:
                     raise
@@ -590,7 +610,7 @@ def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[i
     # Elsewhere lengths, speeds and the parameter change together, and the branch has a direction.
     towards = np.zeros(y.size)
     towards[lengths or [-1]] = 1.0
-    at = point_at(family, chart, y, towards)
+    at = point_at(family, chart, y, towards, near=near)
 
     def speeds(problem: Any, evaluation: Any, _: Array) -> Array:
         every = chart.approaches(problem, evaluation)
@@ -604,10 +624,12 @@ def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[i
     for step in _NEAREST:
         guess = y + step * at.tangent * at.scales
         try:
-            found, _, _ = corrected(family, chart, guess, at.scales, at.tangent, at.by_value, tolerance=_EXACT)
+            found, evaluation, _ = corrected(
+                family, chart, guess, at.scales, at.tangent, at.by_value, tolerance=_EXACT, near=at.evaluation
+            )
         except ConvergenceError:
             continue
-        inner = point_at(family, chart, found, at.tangent)
+        inner = point_at(family, chart, found, at.tangent, evaluation)
         near = np.linalg.norm((found - guess) / at.scales) <= _ASIDE * step
         flow = chart.flow(inner.problem, found[:-1])
         if near and (inner.evaluation.repeats(flow) or _touching(at, inner, flow)):
@@ -679,7 +701,8 @@ def _slope(family: Family, point: Point, values: Callable[[Any, Any, Array], Any
     """Return the derivatives of values of problem, evaluation and coordinates along a branch, in scaled coordinates."""
     y = point.y + _DIFFERENCE * point.tangent * point.scales
     problem = family.of(y)
-    moved = values(problem, point.chart.evaluate(problem, y[:-1], derivative=False), y[:-1])
+    evaluation = point.chart.evaluate(problem, y[:-1], derivative=False, near=point.evaluation)
+    moved = values(problem, evaluation, y[:-1])
     return (np.asarray(moved) - values(point.problem, point.evaluation, point.y[:-1])) / _DIFFERENCE
 
 
@@ -741,16 +764,16 @@ def _along(now: Point, point: Point) -> Point:
     return point if point.tangent @ now.tangent >= 0.0 else replace(point, tangent=-point.tangent)
 
 
-def _with_length(family: Family, chart: Signature, guess: Array, place: int, length: float) -> Point:
-    """Return the orbit near a guess at which one length has a value."""
+def _with_length(family: Family, chart: Signature, guess: Array, place: int, length: float, near: Any) -> Point:
+    """Return the orbit near a guess at which one length has a value; `near` as in `corrected`."""
     guess = guess.copy()
     guess[place] = length
     problem = family.of(guess)
-    evaluation = chart.evaluate(problem, guess[:-1])
+    evaluation = chart.evaluate(problem, guess[:-1], near=near)
     scales = scales_of(family, chart, problem, evaluation)
     by_value = derivative_by_value(family, chart, guess, evaluation)
     normal = np.zeros(guess.size)
     normal[place] = 1.0
-    y, evaluation, _ = corrected(family, chart, guess, scales, normal, by_value, 12, _EXACT)
+    y, evaluation, _ = corrected(family, chart, guess, scales, normal, by_value, 12, _EXACT, near=evaluation)
     y[place] = length
     return point_at(family, chart, y, normal, evaluation)
