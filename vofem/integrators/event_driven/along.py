@@ -103,24 +103,20 @@ class Path:
         return self.course.motion(self.statuses[of[0]], self.times[of], self.starts[of])
 
     def motions(self, segments: Integers) -> Iterator[tuple[Motion, Integers, Integers]]:
-        """Yield the motions of some statuses, numbers of times (m,), and in which of the motions each lies (m,).
-
-        `segments` (shape (n_times,)): the segment in which each time lies.
-        """
-        used, of = np.unique(segments, return_inverse=True)
-        keys = [self.statuses[segment].tobytes() for segment in used.tolist()]
-        for key in dict.fromkeys(keys):
-            chosen = np.array([other == key for other in keys])
-            motion, mine, together = self.motion(*used[chosen]), np.flatnonzero(chosen[of]), _TOGETHER
-            own = (np.cumsum(chosen) - 1)[of]
-            for part in np.split(mine, range(together, mine.size, together)):
+        """Yield motions of one status in the segments of times (n_times,), the times, and their motions, each (m,)."""
+        groups: dict[bytes, list[int]] = {}
+        for segment in np.flatnonzero(np.bincount(segments)).tolist():
+            groups.setdefault(self.statuses[segment].tobytes(), []).append(segment)
+        for group in groups.values():
+            number = np.full(len(self.statuses), -1)
+            number[group] = np.arange(len(group))
+            motion, own = self.motion(*group), number[segments]
+            mine = np.flatnonzero(own >= 0)
+            for part in np.split(mine, range(_TOGETHER, mine.size, _TOGETHER)):
                 yield motion, part, own[part]
 
     def rows(self, rows: Array, segments: Integers) -> Callable[[Array], tuple[Array, Array]]:
-        """Return modal rows (k, n) of the motion as a function of times, each in its segment, (n_times,).
-
-        It returns displacements and velocities, each (k, n_times).
-        """
+        """Return displacements and velocities of modal rows (k, n), (k, n_times), by times in segments (n_times,)."""
         parts = []
         for motion, mine, own in self.motions(segments):
             begin = np.concatenate([rows @ motion.displacement.T, rows @ motion.velocity.T])

@@ -38,9 +38,6 @@ from vofem.system import CLOSED, PINNED
 #: the least number in a segment.
 _SAMPLES, _SEARCHED, _LEAST_SAMPLES = 600, 2500, 16
 
-#: Samples between both ends of the first touch of a run among which its extreme is searched.
-_SAMPLES_OF_TOUCH = 33
-
 #: Steps of this search at each end of a long segment, and the number of parts into which each of them is divided.
 _STEPS_AT_ENDS, _FINER = 8, 8
 
@@ -174,10 +171,7 @@ class SignatureEvaluation:
         return self.extremes_among(*_samples(segments, edges, counts))
 
     def extremes_among(self, segments: Integers, tau: Array, contact: int | None = None) -> list[Extreme]:
-        """Return the extremes of gap functions between samples, at times since the beginnings of segments.
-
-        `contact`: the only one that is asked for; by default all that are open or closed.
-        """
+        """Return the extremes between samples (n_times,), of one contact or, by default, of those open or closed."""
         problem, path, laws = self.problem, self.path, self.problem.system.contacts
         assert laws is not None
         rows, gaps, sizes = problem.space.contacts, laws.gap, self.size_of(range(len(laws)))
@@ -188,8 +182,6 @@ class SignatureEvaluation:
         mine = statuses[:, :-1] < PINNED if contact is None else np.arange(len(laws))[:, None] == contact
         turns = (rates[:, :-1] > 0.0) & (rates[:, 1:] <= 0.0) & (segments[:-1] == segments[1:])
         j, i = np.nonzero(turns & mine)
-        order = np.lexsort((i, j, segments[i]))
-        j, i = j[order], i[order]
         low, high = tau[i], tau[i + 1]
         places = low + (high - low) * rates[j, i] / (rates[j, i] - rates[j, i + 1])
         heights = np.maximum(values[j, i], values[j, i + 1]) + 0.25 * (high - low) * rates[j, i] / sizes[j]
@@ -607,7 +599,7 @@ class Signature:
             high = min((later[0] / omega - begun) if later else duration, duration)
             if high <= low:
                 return None
-            tau = np.linspace(low, high, _SAMPLES_OF_TOUCH)
+            tau = np.linspace(low, high, 2 * _LEAST_SAMPLES + 1)
             found = evaluation.extremes_among(np.full(tau.size, segment), tau, event.contact)
             return max(found, key=lambda e: e.height, default=None)
         return None
@@ -771,10 +763,7 @@ def _count(durations: Array, whole: float, samples: int) -> Integers:
 
 
 def _samples(segments: Integers, edges: Sequence[Array], counts: Sequence[Integers]) -> tuple[Integers, Array]:
-    """Return segments and times of samples, so many equal steps from edge to edge, and the last edges.
-
-    `edges`, `counts`: those of all segments, each of shape (k,); there is one more of the edges.
-    """
+    """Return segment and time of samples (n_times,): so many equal steps between edges of each, (k,), and the last."""
     low, each = np.column_stack(edges), np.column_stack([*counts, np.ones_like(segments)])
     steps = np.diff(low, axis=1, append=low[:, -1:]) / np.maximum(each, 1)
     number = np.arange(each.sum()) - np.repeat(np.cumsum(each) - each.ravel(), each.ravel())
