@@ -9,7 +9,7 @@ at grazings too. At an impact on a rigid stop the state and ``W + f T`` pass the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,7 +25,7 @@ from vofem.integrators.event_driven.clusters import Group
 from vofem.integrators.event_driven.exosystem import exosystem, gathered, pushes
 from vofem.integrators.event_driven.flow import modes_of
 from vofem.integrators.event_driven.pieces import Maps, Pieces, Structure, maps, pass_segments, pieces, structure
-from vofem.integrators.event_driven.regime import Motion, Regime, Regimes, start_motion
+from vofem.integrators.event_driven.regime import Integers, Motion, Regime, Regimes, flat, start_motion
 from vofem.kernels.mode import kernels
 from vofem.system import PINNED, Counters, System
 
@@ -37,6 +37,9 @@ Status = NDArray[np.int64]
 
 #: Largest growth of a motion over a segment of negative duration, as the logarithm of a factor.
 _GROWTH = 20.0
+
+#: Times at which motions are computed together.
+_TOGETHER = 4096
 
 #: Sets of statuses whose maps a system keeps.
 _MOST_SETS = 4
@@ -96,9 +99,39 @@ class Path:
             all_columns=nothing,
         )
 
-    def motion(self, segment: int) -> Motion:
-        """Return the motion of a segment."""
-        return self.course.motion(self.statuses[segment], float(self.times[segment]), self.starts[segment])
+    def motion(self, *segments: int) -> Motion:
+        """Return the motions of some segments of one status."""
+        of = list(segments)
+        return self.course.motion(self.statuses[of[0]], self.times[of], self.starts[of])
+
+    def motions(self, segments: Integers) -> Iterator[tuple[Motion, Integers, Integers]]:
+        """Yield motions of one status in the segments of times (n_times,), the times, and their motions, each (m,)."""
+        groups: dict[bytes, list[int]] = {}
+        for segment in np.flatnonzero(np.bincount(segments)).tolist():
+            groups.setdefault(self.statuses[segment].tobytes(), []).append(segment)
+        for group in groups.values():
+            number = np.full(len(self.statuses), -1)
+            number[group] = np.arange(len(group))
+            motion, own = self.motion(*group), number[segments]
+            mine = np.flatnonzero(own >= 0)
+            for part in np.split(mine, range(_TOGETHER, mine.size, _TOGETHER)):
+                yield motion, part, own[part]
+
+    def rows(self, rows: Array, segments: Integers) -> Callable[[Array], tuple[Array, Array]]:
+        """Return displacements and velocities of modal rows (k, n), (k, n_times), by times in segments (n_times,)."""
+        parts = []
+        for motion, mine, own in self.motions(segments):
+            begin = np.concatenate([rows @ motion.displacement.T, rows @ motion.velocity.T])
+            parts.append((motion, mine, own, motion.regime.over_blocks(rows), begin))
+
+        def at(tau: Array) -> tuple[Array, Array]:
+            found = np.empty((2 * len(rows), tau.size))
+            for motion, mine, own, over, begin in parts:
+                changes = motion.regime.changes(motion.starts, own, tau[mine])
+                found[:, mine] = over @ flat(changes).T + begin[:, own]
+            return found[: len(rows)], found[len(rows) :]
+
+        return at
 
 
 class _Table(NamedTuple):
@@ -166,13 +199,13 @@ class Course:
         """Return the linear piece of a contact status."""
         return self._linear.of(status, self.loads, 0)
 
-    def motion(self, status: Status, time: float, state: Array) -> Motion:
-        """Return the motion from a modal state, shape (2n,), at a time in s."""
-        n, w, held = self.space.size, self.loads.at(np.array([time]))[0], self.stuck(status)
+    def motion(self, status: Status, times: Array, states: Array) -> Motion:
+        """Return the motions from modal states, shape (k, 2n), at times in s, shape (k,)."""
+        n, w, held = self.space.size, self.loads.at(times), self.stuck(status)
         if held is None:
-            return start_motion(self.regime(status), state[:n], state[n:], w)
-        kept = held.carry @ state[:n]
-        found = start_motion(self.regime(status), state[:n] - kept, state[n:], w)
+            return start_motion(self.regime(status), states[:, :n], states[:, n:], w)
+        kept = states[:, :n] @ held.carry.T
+        found = start_motion(self.regime(status), states[:, :n] - kept, states[:, n:], w)
         return replace(found, displacement=found.displacement + kept)
 
     def stuck(self, status: Status) -> Stuck | None:
@@ -185,7 +218,8 @@ class Course:
     def reaction(self, status: Status, time: float, state: Array, contact: int) -> float:
         """Return the reaction of a slider or contact that rests in a modal state (2n,) at a time in s."""
         held = int(np.sum(status[:contact] == PINNED))
-        found, kept = float(self.motion(status, time, state).reactions(np.zeros(1))[held, 0]), self.stuck(status)
+        motion, kept = self.motion(status, np.array([time]), state[None]), self.stuck(status)
+        found = float(motion.reactions(np.zeros(1))[held, 0])
         return found if kept is None else found + float(kept.reaction[held] @ state[: self.space.size])
 
     @property

@@ -10,7 +10,6 @@ The columns of B belong to the values of the loads and, after them, to their rat
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -379,55 +378,36 @@ class Regime:
 
 @dataclass(frozen=True)
 class Motion:
-    """The motion of a segment."""
+    """The motions of k segments of one status."""
 
     regime: Regime
-    #: `displacement`, `velocity`: modal state at tau = 0, pinned contacts at their gaps, shape (n,).
+    #: `displacement`, `velocity`: modal states at tau = 0, pinned contacts at their gaps, shape (k, n).
     displacement: Array
     velocity: Array
-    start: Array  #: States of all blocks at tau = 0, shape (2, M).
+    starts: Array  #: States of all blocks at tau = 0, shape (k, 2, M).
 
     @property
     def spectrum(self) -> Spectrum:
         """The eigensystem of the status."""
         return self.regime.spectrum
 
-    def changes(self, tau: Array) -> Array:
-        """Return by how much the states of all blocks have changed at some times, shape (n_times, 2, M)."""
-        return self.regime.changes(self.start[None], np.zeros(tau.size, dtype=np.int64), np.asarray(tau, dtype=float))
-
-    def sampled(self, rows: Array, edges: Sequence[float], counts: Sequence[int]) -> tuple[Array, Array, Array]:
-        """Return times, so many equal steps from edge to edge, and modal rows (k, n) of the motion there.
-
-        These are displacements and velocities, each (k, n_times).
-        """
-        parts = [
-            low + (high - low) / count * np.arange(count)
-            for low, high, count in zip(edges[:-1], edges[1:], counts, strict=True)
-        ]
-        tau = np.concatenate([*parts, edges[-1:]])
-        values = self.regime.over_blocks(rows) @ flat(self.changes(tau)).T
-        begin = np.concatenate([rows @ self.displacement, rows @ self.velocity])
-        displacement, velocity = np.split(values + begin[:, None], 2)
-        return tau, displacement, velocity
-
     def reactions(self, tau: Array) -> Array:
-        """Return the reactions of the pinned contacts at some times, shape (k, n_times)."""
-        states = self.start + self.changes(tau)
+        """Return the reactions of the pinned contacts at some times in the first segment, shape (pinned, n_times)."""
+        states = self.starts[0] + self.regime.changes(self.starts, np.zeros(tau.size, dtype=np.int64), tau)
         return np.asarray(self.regime.reactions @ flat(states).T)
 
-    def modes(self, tau: Array) -> tuple[Array, Array]:
-        """Return modal displacements and velocities, each of shape (n, n_times)."""
-        displacement, velocity = self.regime.to_modes(self.changes(tau))
-        return (displacement + self.displacement).T, (velocity + self.velocity).T
+    def modes(self, own: Integers, tau: Array) -> tuple[Array, Array]:
+        """Return modal displacements and velocities, each (n, n_times), at times in these segments, each (n_times,)."""
+        displacement, velocity = self.regime.to_modes(self.regime.changes(self.starts, own, tau))
+        return (displacement + self.displacement[own]).T, (velocity + self.velocity[own]).T
 
 
 def start_motion(regime: Regime, displacement: Array, velocity: Array, w: Array) -> Motion:
-    """Return the motion that starts from a modal state, each (n,), with values and rates (2, e) of the loads."""
-    start = regime.begin(displacement[None], velocity[None], w[None])
+    """Return the motions that start from modal states, each (k, n), with values and rates (k, 2, e) of the loads."""
+    starts = regime.begin(displacement, velocity, w)
     if regime.held:
-        displacement, velocity = (part[0] for part in regime.to_modes(start, shifted=True))
-    return Motion(regime, displacement, velocity, start[0])
+        displacement, velocity = regime.to_modes(starts, shifted=True)
+    return Motion(regime, displacement, velocity, starts)
 
 
 def regime_of(base: Unloaded, kind: Kind, horizon: float, sliders: Sliders | None = None) -> Regime:

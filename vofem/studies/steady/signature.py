@@ -19,7 +19,7 @@ H. Dankowicz, F. Schilder, Recipes for Continuation, SIAM 2013, doi:10.1137/1.97
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, NamedTuple
@@ -31,7 +31,7 @@ from vofem.arrays import Array, Complex
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.along import Path
 from vofem.integrators.event_driven.flow import Flow
-from vofem.integrators.event_driven.regime import Motion, flat
+from vofem.integrators.event_driven.regime import Integers
 from vofem.laws.friction import UP
 from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.newton import direction
@@ -139,23 +139,18 @@ class SignatureEvaluation:
 
     def range_of(self, row: Array) -> tuple[float, float]:
         """Return the least and the largest value of a row over the free degrees of freedom, shape (n,)."""
-        row, values = self.problem.modal_row(row), []
-        turns: list[tuple[float, float, Motion, float, float]] = []
-        for k, duration in enumerate(self.path.durations.tolist()):
-            if duration <= 0.0:
-                continue
-            motion, count = self.path.motion(k), _count(duration, self.problem.duration, _SAMPLES)
-            tau, (u,), (rate,) = motion.sampled(row[None], (0.0, duration), (count,))
-            values += [float(u.min()), float(u.max())]
-            for i in np.flatnonzero(rate[:-1] * rate[1:] < 0.0).tolist():
-                reach = max(abs(rate[i]), abs(rate[i + 1])) * (tau[i + 1] - tau[i])
-                turns.append((min(u[i : i + 2]) - reach, max(u[i : i + 2]) + reach, motion, tau[i], tau[i + 1]))
-        least, largest = min(values), max(values)
+        rows, segments = self.problem.modal_row(row)[None], np.flatnonzero(self.path.durations > 0.0)
+        durations = self.path.durations[segments]
+        counts = _count(durations, self.problem.duration, _SAMPLES)
+        of, tau = _samples(segments, [0.0 * durations, durations], [counts])
+        (u,), (rate,) = self.path.rows(rows, of)(tau)
         # Only neighbours of the largest samples are refined, because no other sample can be an extreme.
-        for low, high, motion, begin, end in turns:
-            if low < least or high > largest:
-                values += _turned(motion, row[None], np.array([begin]), np.array([end]))[1].tolist()
-        return min(values), max(values)
+        i = np.flatnonzero((rate[:-1] * rate[1:] < 0.0) & (of[:-1] == of[1:]))
+        both = np.stack([i, i + 1])
+        reach = np.abs(rate[both]).max(axis=0) * (tau[i + 1] - tau[i])
+        i = i[(u[both].min(axis=0) - reach < u.min()) | (u[both].max(axis=0) + reach > u.max())]
+        _, turned = _turned(self.path.rows(rows, of[i]), np.zeros_like(i), tau[i], tau[i + 1])
+        return float(np.append(u, turned).min()), float(np.append(u, turned).max())
 
     @property
     def grazes(self) -> str:
@@ -179,43 +174,41 @@ class SignatureEvaluation:
 
         Those far from their gaps are not exact.
         """
-        found: list[Extreme] = []
-        for k, duration in enumerate(self.path.durations.tolist() if self.problem.system.contacts is not None else ()):
-            contacts = np.flatnonzero(self.chart.statuses[k] < PINNED).tolist()
-            if duration > 0.0 and contacts:
-                # Finer steps beside switches, where a stiff contact rebounds quickly.
-                count, finer = (_count(duration, self.problem.duration, n * _SEARCHED) for n in (1, _FINER))
-                edges, counts = [0.0, duration], [finer]
-                if count > 2 * _STEPS_AT_ENDS:
-                    near, finer = _STEPS_AT_ENDS * duration / count, _STEPS_AT_ENDS * _FINER
-                    edges, counts = [0.0, near, duration - near, duration], [finer, count - 2 * _STEPS_AT_ENDS, finer]
-                found += self.extremes_in(k, contacts, edges, counts)
-        return found
+        if self.problem.system.contacts is None:
+            return []
+        free = (np.array(self.chart.statuses) < PINNED).any(axis=1)
+        segments = np.flatnonzero(free & (self.path.durations > 0.0))
+        durations = self.path.durations[segments]
+        count, finer = (_count(durations, self.problem.duration, n * _SEARCHED) for n in (1, _FINER))
+        # Finer steps beside switches, where a stiff contact rebounds quickly.
+        long, ends = count > 2 * _STEPS_AT_ENDS, _STEPS_AT_ENDS * _FINER
+        near = np.where(long, _STEPS_AT_ENDS * durations / count, durations)
+        edges = [0.0 * durations, near, durations - near, durations]
+        counts = [np.where(long, ends, finer), long * (count - 2 * _STEPS_AT_ENDS), long * ends]
+        return self.extremes_among(*_samples(segments, edges, counts))
 
-    def extremes_in(
-        self, segment: int, contacts: Sequence[int], edges: Sequence[float], counts: Sequence[int]
-    ) -> list[Extreme]:
-        """Return the extremes of some gap functions in a segment, from samples; see `Motion.sampled`."""
-        problem, motion, found = self.problem, self.path.motion(segment), []
-        laws, rows = problem.system.contacts, problem.space.contacts[contacts]
+    def extremes_among(self, segments: Integers, tau: Array, contact: int | None = None) -> list[Extreme]:
+        """Return the extremes between samples (n_times,), of one contact or, by default, of those open or closed."""
+        problem, path, laws = self.problem, self.path, self.problem.system.contacts
         assert laws is not None
-        gaps, sizes = laws.gap[contacts], self.size_of(contacts)
-        signs = np.where(self.chart.statuses[segment][contacts] == CLOSED, -1.0, 1.0)
-        tau, values, rates = motion.sampled(rows, edges, counts)
-        values, rates = signs[:, None] * (values - gaps[:, None]) / sizes[:, None], signs[:, None] * rates
-        j, i = np.nonzero((rates[:, :-1] > 0.0) & (rates[:, 1:] <= 0.0))
+        rows, gaps, sizes = problem.space.contacts, laws.gap, self.size_of(range(len(laws)))
+        statuses = np.array(self.chart.statuses)[segments].T
+        signs = np.where(statuses == CLOSED, -1.0, 1.0)
+        values, rates = path.rows(rows, segments)(tau)
+        values, rates = signs * (values - gaps[:, None]) / sizes[:, None], signs * rates
+        mine = statuses[:, :-1] < PINNED if contact is None else np.arange(len(laws))[:, None] == contact
+        turns = (rates[:, :-1] > 0.0) & (rates[:, 1:] <= 0.0) & (segments[:-1] == segments[1:])
+        j, i = np.nonzero(turns & mine)
         low, high = tau[i], tau[i + 1]
         places = low + (high - low) * rates[j, i] / (rates[j, i] - rates[j, i + 1])
         heights = np.maximum(values[j, i], values[j, i + 1]) + 0.25 * (high - low) * rates[j, i] / sizes[j]
         near = heights > _LOW
-        if near.any():
-            of = j[near]
-            places[near], there = _turned(motion, rows[of], low[near], high[near])
-            heights[near] = signs[of] * (there - gaps[of]) / sizes[of]
-        phases = (float(self.path.times[segment]) + places) * problem.loads.omega
-        for contact, phase, height in zip(j.tolist(), phases.tolist(), heights.tolist(), strict=True):
-            found.append(Extreme(contacts[contact], segment, phase, height))
-        return found
+        of, where = j[near], i[near]
+        places[near], there = _turned(path.rows(rows, segments[where]), of, low[near], high[near])
+        heights[near] = signs[of, where] * (there - gaps[of]) / sizes[of]
+        phases = (path.times[segments[i]] + places) * problem.loads.omega
+        found = j.tolist(), segments[i].tolist(), phases.tolist(), heights.tolist()
+        return list(map(Extreme, *found))
 
     def size_of(self, contacts: Sequence[int] | int) -> Array:
         """Return the sizes by which heights of extremes of contacts are divided."""
@@ -578,11 +571,10 @@ class Signature:
         path = evaluation.path
         times = (self.anchor + (phases - self.anchor) % self.turn) / problem.loads.omega
         # Segments of negative length overlap: the last one that has begun counts.
-        which = np.array([np.flatnonzero(path.times <= time).max(initial=0) for time in times], dtype=np.int64)
+        which = np.max((path.times <= times[:, None]) * np.arange(path.times.size), axis=1)
         z, v = np.empty((2, problem.size // 2, times.size))
-        for index in np.unique(which).tolist():
-            inside = which == index
-            z[:, inside], v[:, inside] = path.motion(index).modes(times[inside] - path.times[index])
+        for motion, mine, own in path.motions(which):
+            z[:, mine], v[:, mine] = motion.modes(own, times[mine] - path.times[which[mine]])
         return z, v
 
     def at_phase(self, problem: Shooting, evaluation: SignatureEvaluation, phase: float) -> Array:
@@ -650,7 +642,8 @@ class Signature:
             high = min((later[0] / omega - begun) if later else duration, duration)
             if high <= low:
                 return None
-            found = evaluation.extremes_in(segment, [event.contact], (low, high), (32,))
+            tau = np.linspace(low, high, 2 * _LEAST_SAMPLES + 1)
+            found = evaluation.extremes_among(np.full(tau.size, segment), tau, event.contact)
             return max(found, key=lambda e: e.height, default=None)
         return None
 
@@ -824,22 +817,29 @@ def _mean(path: Path, contact: int, partner: int, index: int) -> tuple[float, Ar
     return value, derived
 
 
-def _count(duration: float, whole: float, samples: int) -> int:
-    """Return the number of samples in a segment of an orbit that is sampled at so many times."""
-    return max(_LEAST_SAMPLES, int(samples * duration / whole))
+def _count(durations: Array, whole: float, samples: int) -> Integers:
+    """Return the numbers of samples in segments of an orbit that is sampled at so many times."""
+    return np.maximum(_LEAST_SAMPLES, (samples * durations / whole).astype(np.int64))
 
 
-def _turned(motion: Motion, rows: Array, low: Array, high: Array) -> tuple[Array, Array]:
+def _samples(segments: Integers, edges: Sequence[Array], counts: Sequence[Integers]) -> tuple[Integers, Array]:
+    """Return segment and time of samples (n_times,): so many equal steps between edges of each, (k,), and the last."""
+    low, each = np.column_stack(edges), np.column_stack([*counts, np.ones_like(segments)])
+    steps = np.diff(low, axis=1, append=low[:, -1:]) / np.maximum(each, 1)
+    number = np.arange(each.sum()) - np.repeat(np.cumsum(each) - each.ravel(), each.ravel())
+    tau = np.repeat(low.ravel(), each.ravel()) + np.repeat(steps.ravel(), each.ravel()) * number
+    return np.repeat(segments, each.sum(axis=1)), tau
+
+
+def _turned(rows: Callable[[Array], tuple[Array, Array]], of: Integers, low: Array, high: Array) -> tuple[Array, Array]:
     """Return where rows of the motion turn, one in each bracket of times, and their values there; all of shape (k,).
 
-    `rows` has shape (k, n). At the two ends of a bracket the rate of its row has opposite signs.
+    `rows`: see `Path.rows`; `of` is the row of each bracket. At both ends of it the rate has opposite signs.
     """
-    known, number = np.unique(rows, axis=0, return_inverse=True)
-    over = motion.regime.over_blocks(known)[len(known) :][number.ravel()]
-    begin = rows @ motion.velocity
+    every = np.arange(of.size)
 
     def at(tau: Array) -> Array:
-        return np.asarray(begin + np.einsum("ij,ij->i", over, flat(motion.changes(tau))))
+        return rows(tau)[1][of, every]
 
     first, last, enough = at(low), at(high), _FINE * (high - low)
     going = first * last < 0.0
@@ -857,7 +857,7 @@ def _turned(motion: Motion, rows: Array, low: Array, high: Array) -> tuple[Array
         going &= first * last < 0.0
     # One value of both may be rounding.
     places = np.where((first * last >= 0.0) & (np.abs(first) < np.abs(last)), low, high)
-    return places, np.einsum("ij,ji->i", rows, motion.modes(places)[0])
+    return places, rows(places)[0][of, every]
 
 
 def signature_of(problem: Shooting, flow: Flow) -> tuple[Signature, Array]:

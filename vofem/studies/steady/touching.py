@@ -9,9 +9,11 @@ regular, and all that begins there at once is read from it.
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -196,12 +198,9 @@ def _lowest(family: Family, now: Point, after: Point) -> float | None:
     slopes = np.array([a * chart.rates(p.tangent * p.scales) for p, a in zip((now, after), along, strict=True)])
     inside = [slice(p + 1, k + 1) for p, k in _spans(chart)]
     known = [(*ends[:, one].sum(axis=1), *slopes[:, one].sum(axis=1)) for one in inside]
-    earlier, near = now.evaluation.extremes, list[tuple[Extreme, Extreme]]()
-    for last in after.evaluation.extremes:
-        same = [e for e in earlier if (e.contact, e.segment) == (last.contact, last.segment)]
-        first = min(same, key=lambda e: abs(e.phase - last.phase), default=None)
-        if first is not None and max(first.height, last.height) >= -_REACH * step:
-            near.append((first, last))
+    later = after.evaluation.extremes
+    pairs = zip(_nearest(now.evaluation.extremes, later), later, strict=True)
+    near = [(e, last) for e, last in pairs if e is not None and max(e.height, last.height) >= -_REACH * step]
     if near:
         rates = []
         for point, factor, found in zip((now, after), along, zip(*near, strict=True), strict=True):
@@ -370,16 +369,26 @@ def _touching(now: Point, after: Point, flow: Flow | None = None, least: float =
     first = chart.first_touch(after.evaluation, flow)
     if first is not None and first.height > least and not any(_alike(chart, e.phase, first.phase) for e in wrong):
         wrong.append(first)
-    earlier = now.evaluation.extremes if wrong else []
     found = []
-    for e in wrong:
-        same = [one for one in earlier if (one.contact, one.segment) == (e.contact, e.segment)]
+    for e, near in zip(wrong, _nearest(now.evaluation.extremes, wrong) if wrong else (), strict=True):
         share, phase = 0.5, e.phase
-        if same:
-            near = min(same, key=lambda one: abs(one.phase - e.phase))
+        if near is not None:
             share = min(max(-near.height, 0.0) / (e.height + max(-near.height, 0.0)), 1.0)
             phase = near.phase + share * (e.phase - near.phase)
         found.append(_Change(share, begins=Mark(e.contact, phase)))
+    return found
+
+
+def _nearest(known: Sequence[Extreme], others: Sequence[Extreme]) -> list[Extreme | None]:
+    """Return the nearest known extreme of the same contact in the same segment to each of others; None without one."""
+    groups: dict[tuple[int, int], list[Extreme]] = {}
+    for e in known:
+        groups.setdefault((e.contact, e.segment), []).append(e)
+    found = []
+    for contact, segment, phase, _ in others:
+        group = groups.get((contact, segment), [])
+        k = bisect(group, phase, key=attrgetter("phase"))
+        found.append(min(group[max(k - 1, 0) : k + 1], key=lambda e: abs(e.phase - phase), default=None))
     return found
 
 
