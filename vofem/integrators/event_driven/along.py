@@ -104,6 +104,10 @@ class Path:
         of = list(segments)
         return self.course.motion(self.statuses[of[0]], self.times[of], self.starts[of])
 
+    def state(self, segment: int, tau: float) -> Array:
+        """Return the modal state at a time after the begin of a segment, shape (2n,)."""
+        return np.concatenate(self.motion(segment).modes(np.zeros(1, dtype=np.int64), np.array([tau])))[:, 0]
+
     def motions(self, segments: Integers) -> Iterator[tuple[Motion, Integers, Integers]]:
         """Yield motions of one status in the segments of times (n_times,), the times, and their motions, each (m,)."""
         groups: dict[bytes, list[int]] = {}

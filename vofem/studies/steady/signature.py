@@ -711,8 +711,7 @@ class Signature:
         for index in range(len(new.switches)):
             if index in numbers:
                 k, phase, _ = added[numbers.index(index)]
-                time = np.array([phase / known.problem.loads.omega - path.times[k]])
-                begins.append(np.concatenate(path.motion(k).modes(time))[:, 0])
+                begins.append(path.state(k, phase / known.problem.loads.omega - float(path.times[k])))
             else:
                 begins.append(path.begins[next(kept) + 1])
         return States(y, known.problem.unmodal(np.array(begins).T).T)
@@ -771,7 +770,7 @@ class Signature:
         else:
             first, inside = longest + 1, 0.5 * lengths[longest + 1]
         turned = tangent[n:-1]
-        state = np.concatenate(path.motion(first).modes(np.array([inside / problem.loads.omega])))[:, 0]
+        state = path.state(first, float(inside / problem.loads.omega))
         # The last segment goes on in the first one.
         begins = np.concatenate([state[None], path.begins[first + 1 :], path.begins[1 : first + 1]])
         states = problem.unmodal(begins.T).T
