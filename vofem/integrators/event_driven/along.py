@@ -24,7 +24,17 @@ from vofem.integrators.event_driven.blocks import response
 from vofem.integrators.event_driven.clusters import Group
 from vofem.integrators.event_driven.exosystem import exosystem, gathered, pushes
 from vofem.integrators.event_driven.flow import modes_of
-from vofem.integrators.event_driven.pieces import Maps, Pieces, Structure, maps, pass_segments, pieces, structure
+from vofem.integrators.event_driven.pieces import (
+    Maps,
+    Pieces,
+    Still,
+    Structure,
+    maps,
+    pass_segments,
+    pieces,
+    still,
+    structure,
+)
 from vofem.integrators.event_driven.regime import Motion, Regime, Regimes, start_motion
 from vofem.kernels.mode import kernels
 from vofem.system import PINNED, Counters, System
@@ -103,7 +113,7 @@ class _Table(NamedTuple):
     """The statuses that a course has met: their numbers, and arrays for compiled code."""
 
     numbers: dict[bytes, int]
-    statuses: list[Status]
+    statuses: dict[bytes, Status]
     maps: Maps
     pieces: Pieces
     groups: list[Group | None]
@@ -188,29 +198,36 @@ class Course:
 
     @cached_property
     def _structure(self) -> Structure:
-        return structure(self.space, self.system.contacts, self._vectors, self.loads)
+        def made() -> Structure:
+            return structure(self.space, self.system.contacts, self._vectors, self.loads)
+
+        key = self._vectors.tobytes(), self.loads.function.tobytes()
+        return self.system.cache.get("structure of motions", key, made)
 
     def _known(self, statuses: Sequence[Status]) -> _Table:
         """Return the arrays of all statuses so far, some new ones among them."""
         now = self._table
-        known = {} if now is None else now.numbers
-        new = {status.tobytes(): status for status in statuses if status.tobytes() not in known}
-        if now is not None and not new:
+        every = {} if now is None else dict(now.statuses)
+        every.update((status.tobytes(), status) for status in statuses)
+        if now is not None and len(every) == len(now.statuses):
             return now
-        every = [*([] if now is None else now.statuses), *new.values()]
-        keys = [status.tobytes() for status in every]
-        regimes = [self.regime(status) for status in every]
-        spectra = [regime.spectrum for regime in regimes]
+        keys, cache = sorted(every), self.system.cache
+        known = [every[key] for key in keys]
 
-        def made() -> Maps:
-            held = [self.stuck(status) for status in every]
+        def all_maps() -> Maps:
+            held = [self.stuck(status) for status in known]
             carries = [None if one is None else one.carry for one in held]
-            return maps(self.space, self.system.contacts, every, spectra, carries)
+            spectra = [self.regime(status).spectrum for status in known]
+            return maps(self.space, self.system.contacts, known, spectra, carries)
 
-        of_system = self.system.cache.get("maps of statuses", b"".join(keys), made, _MOST_SETS)
-        loads = pieces(regimes, self.loads, self.space.size)
-        groups = [regime.blocks.group for regime in regimes]
-        self._table = _Table({key: k for k, key in enumerate(keys)}, every, of_system, loads, groups)
+        def made() -> Still:
+            of_system = cache.get("maps of statuses", b"".join(keys), all_maps, _MOST_SETS)
+            return still([self.regime(status) for status in known], of_system)
+
+        key = b"".join(keys), self._vectors.tobytes(), self.loads.horizon, self.loads.kinds[0].layout
+        kept = cache.get("statuses at all frequencies", key, made, _MOST_SETS)
+        loads, groups = pieces(kept, self.loads)
+        self._table = _Table({key: k for k, key in enumerate(keys)}, every, kept.maps, loads, groups)
         return self._table
 
     def along(

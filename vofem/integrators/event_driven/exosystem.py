@@ -56,9 +56,9 @@ class Kind:
         return np.flatnonzero(self.omega)
 
     @cached_property
-    def key_of_lines(self) -> bytes:
-        """What tells the lines from those of other kinds."""
-        return self.function[self.lines].tobytes() + self.bend.tobytes()
+    def layout(self) -> tuple[bytes, ...]:
+        """What tells the kind from those that do not differ in frequencies of harmonics alone."""
+        return self.function.tobytes(), (self.omega != 0.0).tobytes(), self.bend.tobytes()
 
     @cached_property
     def key(self) -> tuple[bytes, ...]:
