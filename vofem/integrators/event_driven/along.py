@@ -154,7 +154,7 @@ class Course:
     """
 
     def __init__(self, system: System, horizon: float, counters: Counters, group: FrictionLaws | None = None) -> None:
-        self.system, self.horizon = system, horizon
+        self.system, self.horizon, self._counters = system, horizon, counters
         self.space = modes_of(system, counters)
         functions, self._vectors = gathered(system.loads, self.space.loads)
         self.sliders: Sliders | None = None
@@ -163,12 +163,15 @@ class Course:
 
             assert system.contacts is not None
             self.sliders = Sliders(group, len(system.contacts) - len(group), len(functions))
-        self._linear = Regimes(system, self.space, self._vectors, counters, self.sliders)
         # The loads have no breakpoints.
         edges = np.array([0.0, horizon])
         self.loads = exosystem(functions, edges, constant=group is not None or pushes(system.contacts))
         self._stuck: dict[bytes, Stuck | None] = {}
         self._table: _Table | None = None
+
+    @cached_property
+    def _linear(self) -> Regimes:
+        return Regimes(self.system, self.space, self._vectors, self._counters, self.sliders)
 
     def regime(self, status: Status) -> Regime:
         """Return the linear piece of a contact status."""

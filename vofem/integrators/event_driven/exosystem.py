@@ -167,7 +167,7 @@ def gathered(loads: Sequence[Load], rows: Array) -> tuple[list[Any], Array]:
 
 def pushes(laws: ContactLaws | None) -> bool:
     """Return whether contacts push at their gaps, by offsets or by what holds them there, so that 1 is a load."""
-    return laws is not None and bool(np.any(laws.offset) or np.any(laws.jump) or np.any(laws.rigid))
+    return laws is not None and bool(laws.offset.any() or laws.jump.any() or laws.rigid.any())
 
 
 def exosystem(functions: Sequence[TimeFunction], edges: Array, *, constant: bool) -> Exosystem:
@@ -198,8 +198,8 @@ def exosystem(functions: Sequence[TimeFunction], edges: Array, *, constant: bool
             bends[i, :, f] = piece.curvature, piece.jerk
             for w, wave in piece.harmonics:
                 waves[i][f, float(w)] = waves[i].get((f, float(w)), 0.0j) + wave
-    bent = np.flatnonzero(np.any(bends, axis=(0, 1)))
-    used = np.flatnonzero(np.any(lines, axis=(0, 1)) | np.any(bends, axis=(0, 1)))
+    curved = bends.any(axis=(0, 1))
+    bent, used = np.flatnonzero(curved), np.flatnonzero(lines.any(axis=(0, 1)) | curved)
     kinds: dict[tuple[tuple[int, float], ...], int] = {}
     kind = np.array([kinds.setdefault(tuple(found), len(kinds)) for found in waves], dtype=np.int64)
     straight_end = int(constant) + used.size

@@ -110,16 +110,18 @@ def add_waves(
     if not waves.size:
         return found
     (delta, p, plain), (values, rates), omega, e = blocks, inputs, kind.omega[waves], kind.omega.size
-    steady, drive, apart = found.steady.copy(), found.drive.copy(), found.apart.copy()
+    steady, drive, apart = found.steady.copy(), found.drive, found.apart.copy()
     m, delta, p, turns = p.shape[-1], delta[..., None], p[..., None], 1j * omega
     impedance = p - omega**2 + 2.0 * delta * turns
     alone = np.abs(impedance) < RESONANT * np.maximum(p, omega**2)
-    alone |= (p * horizon**2 < 1.0) & (omega * horizon < 1.0)
+    if (slow := omega * horizon < 1.0).any():
+        alone |= (p * horizon**2 < 1.0) & slow
     driven = alone if plain is None else alone | (plain[..., None] == 0.0)
     both = values if rates is None else values + turns * rates
     if driven.any():
         impedance[driven] = 1.0
         left = np.concatenate([driven, driven], axis=-2)
+        drive = drive.copy()
         drive[..., waves] = values * left
         if rates is not None:
             drive[..., e + waves] = rates * left
@@ -137,9 +139,9 @@ def coupled(drive: Array, plain: Array | None, bend: Integers) -> tuple[Integers
     `plain` (shape (m,)): see `Spectrum`.
     `bend` (shape (e,)): see `Exosystem`.
     """
-    e, bent = bend.size, np.flatnonzero(bend >= 0)
-    if not (bent.size or drive.any()):
+    if bend.max(initial=-1) < 0 and not drive.any():
         return np.zeros((0, 3), dtype=np.int64), np.zeros((0, 4))
+    e, bent = bend.size, np.flatnonzero(bend >= 0)
     driven = drive.reshape(2, len(drive) // 2, 2, e)
     own = np.argwhere(np.any(driven, axis=(0, 2)) & (True if plain is None else plain[:, None] != 0.0))
     gain = driven[:, own[:, 0], :, own[:, 1]].reshape(len(own), 4)
