@@ -210,9 +210,10 @@ def exosystem(functions: Sequence[TimeFunction], edges: Array, *, constant: bool
     if constant:
         states[:, 0, 0], owner[:, 0] = 1.0, CONSTANT
     states[:, :, int(constant) : straight_end], owner[:, int(constant) : straight_end] = lines[:, :, used], used
-    states[:, :, straight_end:first] = bends[:, :, bent]
     bend = np.full(e, -1)
-    bend[int(constant) + np.searchsorted(used, bent)] = np.arange(straight_end, first)
+    if bent.size:
+        states[:, :, straight_end:first] = bends[:, :, bent]
+        bend[int(constant) + np.searchsorted(used, bent)] = np.arange(straight_end, first)
     for i, found in enumerate(waves):
         for j, ((f, w), wave) in enumerate(found.items(), first):
             owner[kind[i], j], omega[kind[i], j] = f, w

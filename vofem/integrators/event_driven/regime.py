@@ -111,9 +111,10 @@ def add_waves(
         return found
     (delta, p, plain), (values, rates), omega, e = blocks, inputs, kind.omega[waves], kind.omega.size
     steady, drive, apart = found.steady.copy(), found.drive, found.apart.copy()
-    m, delta, p, turns = p.shape[-1], delta[..., None], p[..., None], 1j * omega
-    impedance = p - omega**2 + 2.0 * delta * turns
-    alone = np.abs(impedance) < RESONANT * np.maximum(p, omega**2)
+    m, square, turns = p.shape[-1], omega**2, 1j * omega
+    p, twice = p[..., None], 2.0 * delta[..., None]
+    impedance = p - square + twice * turns
+    alone = np.abs(impedance) < RESONANT * np.maximum(p, square)
     if (slow := omega * horizon < 1.0).any():
         alone |= (p * horizon**2 < 1.0) & slow
     driven = alone if plain is None else alone | (plain[..., None] == 0.0)
@@ -126,8 +127,9 @@ def add_waves(
         if rates is not None:
             drive[..., e + waves] = rates * left
         both = both * ~left
-    z = ((2.0 * delta + turns) * both[..., :m, :] + both[..., m:, :]) / impedance
-    answer = np.concatenate([z, turns * z - both[..., :m, :]], axis=-2)
+    first, second = both[..., :m, :], both[..., m:, :]
+    z = ((twice + turns) * first + second) / impedance
+    answer = np.concatenate([z, turns * z - first], axis=-2)
     # The rate of a harmonic is its imaginary part.
     steady[..., waves], steady[..., e + waves], apart[..., waves] = answer.real, answer.imag / omega, alone
     return Answers(steady, drive, apart)
