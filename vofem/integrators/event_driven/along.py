@@ -217,15 +217,10 @@ class Course:
         keys, cache = sorted(every), self.system.cache
         known = [every[key] for key in keys]
 
-        def all_maps() -> Maps:
-            held = [self.stuck(status) for status in known]
-            carries = [None if one is None else one.carry for one in held]
-            spectra = [self.regime(status).spectrum for status in known]
-            return maps(self.space, self.system.contacts, known, spectra, carries)
-
         def made() -> Still:
-            of_system = cache.get("maps of statuses", b"".join(keys), all_maps, _MOST_SETS)
-            return still([self.regime(status) for status in known], of_system)
+            regimes, held = [self.regime(status) for status in known], [self.stuck(status) for status in known]
+            spectra, carries = [one.spectrum for one in regimes], [None if one is None else one.carry for one in held]
+            return still(regimes, maps(self.space, self.system.contacts, known, spectra, carries))
 
         key = b"".join(keys), self._vectors.tobytes(), self.loads.horizon, self.loads.kinds[0].layout
         kept = cache.get("statuses at all frequencies", key, made, _MOST_SETS)

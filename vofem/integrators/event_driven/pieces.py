@@ -15,14 +15,7 @@ from vofem.integrators.event_driven.blocks import Blocks, Response, change, resp
 from vofem.integrators.event_driven.clusters import Cluster, Group, group_of
 from vofem.integrators.event_driven.exosystem import Exosystem
 from vofem.integrators.event_driven.modal_space import ModalSpace
-from vofem.integrators.event_driven.regime import (
-    Answers,
-    Regime,
-    add_waves,
-    answers_to_lines,
-    coupled,
-    wave_inputs,
-)
+from vofem.integrators.event_driven.regime import Answers, Regime, add_waves, answers_to_lines, coupled, wave_inputs
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.kernels.jit import jit, plain_form
 from vofem.linalg.exponential import matrix_change, oscillator_change
@@ -112,7 +105,7 @@ class Still(NamedTuple):
 
     maps: Maps
     of: Array  #: That of `Pieces`, in which loads have no meaning, shape (s, 8, e + n).
-    answers: Answers  #: To lines, zero for harmonics, shapes (s, 2n, 2e), (s, 2n, 2e) and (s, n, e).
+    answers: Answers  #: To lines, zero for harmonics; `apart` is not filled in. First axis s, n for m.
     inputs: tuple[Array, Array | None]  #: By values and rates of the harmonics, shape (s, 2n, w).
     plain: Array  #: Zero for the members of clusters, else 1, shape (s, n).
     clusters: list[tuple[Cluster, ...]]
@@ -195,43 +188,40 @@ def still(regimes: Sequence[Regime], maps: Maps) -> Still:
         plain[k, :m] = 1.0 if regime.spectrum.plain is None else regime.spectrum.plain
     lines = [answers_to_lines(one.base, one.kind, one.horizon, one.pushes) for one in regimes]
     values, rates = zip(*(wave_inputs(one.base, one.kind, one.pushes) for one in regimes), strict=True)
-    found = Answers(*(_stacked(parts, n) for parts in zip(*lines, strict=True)))
-    inputs = _stacked(values, n), None if rates[0] is None else _stacked(rates, n)
+    # Which blocks have no answer is told by their drive.
+    steady, drive, apart = *(_stacked([one[i] for one in lines], n) for i in (0, 1)), np.zeros((s, n, e), dtype=bool)
     push = [one.pushes.sources[:, 0] for one in regimes if one.pushes is not None]
-    clusters = [one.spectrum.clusters for one in regimes]
-    return Still(maps, of, found, inputs, plain, clusters, np.array(push).reshape(len(push), n))
+    return Still(
+        maps, of, Answers(steady, drive, apart),
+        (_stacked(values, n), None if rates[0] is None else _stacked(rates, n)), plain,
+        [() if one.spectrum.blocks is None else one.spectrum.blocks.clusters for one in regimes],
+        np.array(push).reshape(len(push), n),
+    )  # fmt: skip
 
 
-def _stacked(parts: Sequence[Any], n: int) -> Any:
-    """Return s arrays of m <= n blocks, each (2m, k), or (m, k) if logical, with zeros in the places up to n blocks."""
-    rows = 1 if parts[0].dtype == bool else 2
-    found = np.zeros((len(parts), rows, n, parts[0].shape[1]), dtype=parts[0].dtype)
+def _stacked(parts: Sequence[Any], n: int) -> Array:
+    """Return s arrays (2m, k) of m <= n blocks as one, (s, 2n, k), with zeros for missing blocks."""
+    found = np.zeros((len(parts), 2, n, parts[0].shape[1]))
     for into, part in zip(found, parts, strict=True):
-        m, k = len(part) // rows, part.shape[1]
-        into[:, :m] = part.reshape(rows, m, k)
-    return found.reshape(len(parts), rows * n, parts[0].shape[1])
+        into[:, : len(part) // 2] = part.reshape(2, len(part) // 2, part.shape[1])
+    return found.reshape(len(parts), 2 * n, parts[0].shape[1])
 
 
 def pieces(still: Still, loads: Exosystem) -> tuple[Pieces, list[Group | None]]:
     """Return the blocks of s statuses under loads without breakpoints, and the group of each status."""
     kind, e, of, delta, p = loads.kinds[0], loads.size, still.of.copy(), still.maps.delta, still.maps.p
-    s, n = p.shape
     of[:, :, :e] = kind.of
     steady, drive, _ = add_waves(still.answers, (delta, p, still.plain), still.inputs, kind, loads.horizon)
     each = [coupled(*own, kind.bend) for own in zip(drive, still.plain, strict=True)]
     pairs = np.array([len(numbers) for numbers, _ in each], dtype=np.int64)
-    pair, gain = np.zeros((s, pairs.max(), 3), dtype=np.int64), np.zeros((s, pairs.max(), 4))
+    pair, gain = np.zeros((len(p), pairs.max(), 3), dtype=np.int64), np.zeros((len(p), pairs.max(), 4))
     for k, r in enumerate(pairs.tolist()):
         pair[k, :r], gain[k, :r] = each[k]
     groups = [
-        group_of(clusters, own, kind.omega, kind.bend, loads.horizon)
-        for clusters, own in zip(still.clusters, drive, strict=True)
-    ]
-    work = np.empty((7, e + n))
-    found = Pieces(
-        loads.states[0], kind.omega, of, pairs, pair, gain, steady, still.push, work, response(False)
-    )  # fmt: skip
-    return found, groups
+        group_of(*own, kind.omega, kind.bend, loads.horizon) for own in zip(still.clusters, drive, strict=True)
+    ]  # fmt: skip
+    work, first, respond = np.empty((7, of.shape[2])), loads.states[0], response(False)
+    return Pieces(first, kind.omega, of, pairs, pair, gain, steady, still.push, work, respond), groups
 
 
 # -- kernels ------------------------------------------------------------------------------------------

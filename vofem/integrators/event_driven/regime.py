@@ -64,9 +64,9 @@ def answers_to_lines(base: Unloaded, kind: Kind, horizon: float, pushes: Pushes 
     They depend on no frequency and are kept with the status, but for those with sliders.
     """
     key, lines, down = (horizon, kind.layout), kind.lines, base.spectrum.real.down
-    if pushes is None and key in base.lines:
-        kept: Answers = base.lines[key]
-        return kept
+    found: Answers | None = base.lines.get(key) if pushes is None else None
+    if found is not None:
+        return found
     # The second derivatives that bend lines stand before all waves.
     forces, rates = _columns(base.local, kind.function[lines] + 1)
     if pushes is not None:
@@ -74,8 +74,8 @@ def answers_to_lines(base: Unloaded, kind: Kind, horizon: float, pushes: Pushes 
     own = _to_lines(base.spectrum, forces, rates, kind.bend[lines], horizon)
     m, e = base.spectrum.p.size, kind.omega.size
     found = Answers(np.zeros((2 * m, 2 * e)), np.zeros((2 * m, 2 * e)), np.zeros((m, e), dtype=bool))
-    for part, of_lines, columns in zip(found, own, (both := np.append(lines, e + lines), both, lines), strict=True):
-        part[:, columns] = of_lines
+    both = np.append(lines, e + lines)
+    found.steady[:, both], found.drive[:, both], found.apart[:, lines] = own
     if pushes is None:
         base.lines[key] = found
     return found
@@ -480,7 +480,8 @@ def regime_of(base: Unloaded, kind: Kind, horizon: float, sliders: Sliders | Non
         pushes = sliders.pushes(base.space, base.laws, base.status, spectrum, function, omega, bend)
     found = answers(base, kind, horizon, pushes)
     pair, gain = coupled(found.drive, spectrum.plain, bend)
-    group = group_of(spectrum.clusters, found.drive, omega, bend, horizon)
+    clusters = () if spectrum.blocks is None else spectrum.blocks.clusters
+    group = group_of(clusters, found.drive, omega, bend, horizon)
     blocks = blocks_of(np.concatenate([kind.of, base.of], axis=1), pair, gain, group)
     return Regime(base, kind, found, blocks, horizon, stops, sliders, pushes)
 

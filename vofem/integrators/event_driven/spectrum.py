@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from vofem.arrays import Array
 from vofem.cache import Cache
 from vofem.errors import SingularSystemError
-from vofem.integrators.event_driven.clusters import Cluster
 from vofem.integrators.event_driven.complex_modes import Blocks, damped_blocks, state_scale
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.linalg.eigen import modes_held, modes_of_strains
@@ -92,18 +91,13 @@ class Spectrum:
         edges = positive[0] * _LEVEL_RATIO ** np.arange(1, min(count, 40))
         return np.unique(np.append(np.searchsorted(self.frequency, edges), self.p.size)).astype(np.int64)
 
-    @property
-    def clusters(self) -> tuple[Cluster, ...]:
-        """Sets of coupled blocks."""
-        return () if self.blocks is None else self.blocks.clusters
-
     @cached_property
     def plain(self) -> Array | None:
         """One for every block of its own, zero for the members of clusters, shape (m,); None where there are none."""
-        if not self.clusters:
+        if self.blocks is None or not self.blocks.clusters:
             return None
         plain = np.ones(self.p.size)
-        for cluster in self.clusters:
+        for cluster in self.blocks.clusters:
             plain[cluster.member] = 0.0
         return plain
 
