@@ -9,7 +9,7 @@ from orbit_scenes import nlvib_03
 from scenes import paper_beam, two_masses
 
 import vofem as vf
-from vofem.integrators.event_driven import regime
+from vofem.integrators.event_driven import pieces, regime
 
 BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
 
@@ -126,17 +126,17 @@ def test_peers_solve_the_same_problem(name, monkeypatch):
 
 def test_a_branch_computes_what_belongs_to_a_status_once(monkeypatch):
     """Answers to constant forces are those of a status; only the ones to harmonics are computed for each frequency."""
-    calls = {"_to_lines": [], "_add_waves": []}
-    for name, given in calls.items():
-        work = getattr(regime, name)
+    calls = {"_to_lines": [], "add_waves": []}
+    for (name, given), module in zip(calls.items(), (regime, pieces), strict=True):
+        work = getattr(module, name)
 
-        def counted(spectrum, *others, work=work, given=given):
-            given.append(spectrum)
-            return work(spectrum, *others)
+        def counted(first, *others, work=work, given=given):
+            given.append(first)
+            return work(first, *others)
 
-        monkeypatch.setattr(regime, name, counted)
+        monkeypatch.setattr(module, name, counted)
     branch = vf.continuation(nlvib_03, 0.8, 0.77)
     statuses = {id(spectrum) for spectrum in calls["_to_lines"]}
     # Durations of a run are rounded up to powers of two, so a status may be asked for two of them.
     assert len(calls["_to_lines"]) <= 3 * len(statuses) <= 12
-    assert len(calls["_add_waves"]) > len(branch)
+    assert len(calls["add_waves"]) > len(branch)

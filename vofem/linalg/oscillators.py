@@ -30,13 +30,14 @@ _FRACTION, _ONE = 52, 1023
 
 def oscillators(delta: Array, p: Array) -> Array:
     """Return the description of some oscillators, shape (8, n), from arrays of shape (n,)."""
-    square = p - delta * delta
+    square, found = p - delta * delta, np.zeros((8, p.size))
     size, over = np.sqrt(np.abs(square)), square < 0.0
-    return np.stack([
-        delta, p, np.sqrt(p), np.where(over, 0.0, size), np.where(over, p / np.where(over, delta + size, 1.0), delta),
-        np.where(over, 2.0 * size, 0.0), np.where(over, 2.0 * size, np.where(size > 0.0, size, 1.0)),
-        np.where(size > 0.0, 0.0, 1.0),
-    ])  # fmt: skip
+    found[DELTA], found[SQUARE], found[FREQUENCY], found[ROOT], found[DECAY] = delta, p, np.sqrt(p), size, delta
+    found[DIVISOR], found[CRITICAL] = np.where(size > 0.0, size, 1.0), ~(size > 0.0)
+    if over.any():
+        found[ROOT, over], found[DECAY, over] = 0.0, p[over] / (delta[over] + size[over])
+        found[FAST, over] = found[DIVISOR, over] = 2.0 * size[over]
+    return found
 
 
 @jit

@@ -24,7 +24,17 @@ from vofem.integrators.event_driven.blocks import response
 from vofem.integrators.event_driven.clusters import Group
 from vofem.integrators.event_driven.exosystem import exosystem, gathered, pushes
 from vofem.integrators.event_driven.flow import modes_of
-from vofem.integrators.event_driven.pieces import Maps, Pieces, Structure, maps, pass_segments, pieces, structure
+from vofem.integrators.event_driven.pieces import (
+    Maps,
+    Pieces,
+    Still,
+    Structure,
+    maps,
+    pass_segments,
+    pieces,
+    still,
+    structure,
+)
 from vofem.integrators.event_driven.regime import Integers, Motion, Regime, Regimes, flat, start_motion
 from vofem.kernels.mode import kernels
 from vofem.system import PINNED, Counters, System
@@ -142,7 +152,7 @@ class _Table(NamedTuple):
     """The statuses that a course has met: their numbers, and arrays for compiled code."""
 
     numbers: dict[bytes, int]
-    statuses: list[Status]
+    statuses: dict[bytes, Status]
     maps: Maps
     pieces: Pieces
     groups: list[Group | None]
@@ -183,7 +193,7 @@ class Course:
     """
 
     def __init__(self, system: System, horizon: float, counters: Counters, group: FrictionLaws | None = None) -> None:
-        self.system, self.horizon = system, horizon
+        self.system, self.horizon, self._counters = system, horizon, counters
         self.space = modes_of(system, counters)
         functions, self._vectors = gathered(system.loads, self.space.loads)
         self.sliders: Sliders | None = None
@@ -192,12 +202,15 @@ class Course:
 
             assert system.contacts is not None
             self.sliders = Sliders(group, len(system.contacts) - len(group), len(functions))
-        self._linear = Regimes(system, self.space, self._vectors, counters, self.sliders)
         # The loads have no breakpoints.
         edges = np.array([0.0, horizon])
         self.loads = exosystem(functions, edges, constant=group is not None or pushes(system.contacts))
         self._stuck: dict[bytes, Stuck | None] = {}
         self._table: _Table | None = None
+
+    @cached_property
+    def _linear(self) -> Regimes:
+        return Regimes(self.system, self.space, self._vectors, self._counters, self.sliders)
 
     def regime(self, status: Status) -> Regime:
         """Return the linear piece of a contact status."""
@@ -233,29 +246,31 @@ class Course:
 
     @cached_property
     def _structure(self) -> Structure:
-        return structure(self.space, self.system.contacts, self._vectors, self.loads)
+        def made() -> Structure:
+            return structure(self.space, self.system.contacts, self._vectors, self.loads)
+
+        key = self._vectors.tobytes(), self.loads.function.tobytes()
+        return self.system.cache.get("structure of motions", key, made)
 
     def _known(self, statuses: Sequence[Status]) -> _Table:
         """Return the arrays of all statuses so far, some new ones among them."""
         now = self._table
-        known = {} if now is None else now.numbers
-        new = {status.tobytes(): status for status in statuses if status.tobytes() not in known}
-        if now is not None and not new:
+        every = {} if now is None else dict(now.statuses)
+        every.update((status.tobytes(), status) for status in statuses)
+        if now is not None and len(every) == len(now.statuses):
             return now
-        every = [*([] if now is None else now.statuses), *new.values()]
-        keys = [status.tobytes() for status in every]
-        regimes = [self.regime(status) for status in every]
-        spectra = [regime.spectrum for regime in regimes]
+        keys, cache = sorted(every), self.system.cache
+        known = [every[key] for key in keys]
 
-        def made() -> Maps:
-            held = [self.stuck(status) for status in every]
-            carries = [None if one is None else one.carry for one in held]
-            return maps(self.space, self.system.contacts, every, spectra, carries)
+        def made() -> Still:
+            regimes, held = [self.regime(status) for status in known], [self.stuck(status) for status in known]
+            spectra, carries = [one.spectrum for one in regimes], [None if one is None else one.carry for one in held]
+            return still(regimes, maps(self.space, self.system.contacts, known, spectra, carries))
 
-        of_system = self.system.cache.get("maps of statuses", b"".join(keys), made, _MOST_SETS)
-        loads = pieces(regimes, self.loads, self.space.size)
-        groups = [regime.blocks.group for regime in regimes]
-        self._table = _Table({key: k for k, key in enumerate(keys)}, every, of_system, loads, groups)
+        key = b"".join(keys), self._vectors.tobytes(), self.loads.horizon, self.loads.kinds[0].layout
+        kept = cache.get("statuses at all frequencies", key, made, _MOST_SETS)
+        loads, groups = pieces(kept, self.loads)
+        self._table = _Table({key: k for k, key in enumerate(keys)}, every, kept.maps, loads, groups)
         return self._table
 
     def along(

@@ -56,9 +56,9 @@ class Kind:
         return np.flatnonzero(self.omega)
 
     @cached_property
-    def key_of_lines(self) -> bytes:
-        """What tells the lines from those of other kinds."""
-        return self.function[self.lines].tobytes() + self.bend.tobytes()
+    def layout(self) -> tuple[bytes, ...]:
+        """What tells the kind from those that do not differ in frequencies of harmonics alone."""
+        return self.function.tobytes(), (self.omega != 0.0).tobytes(), self.bend.tobytes()
 
     @cached_property
     def key(self) -> tuple[bytes, ...]:
@@ -167,7 +167,7 @@ def gathered(loads: Sequence[Load], rows: Array) -> tuple[list[Any], Array]:
 
 def pushes(laws: ContactLaws | None) -> bool:
     """Return whether contacts push at their gaps, by offsets or by what holds them there, so that 1 is a load."""
-    return laws is not None and bool(np.any(laws.offset) or np.any(laws.jump) or np.any(laws.rigid))
+    return laws is not None and bool(laws.offset.any() or laws.jump.any() or laws.rigid.any())
 
 
 def exosystem(functions: Sequence[TimeFunction], edges: Array, *, constant: bool) -> Exosystem:
@@ -198,8 +198,8 @@ def exosystem(functions: Sequence[TimeFunction], edges: Array, *, constant: bool
             bends[i, :, f] = piece.curvature, piece.jerk
             for w, wave in piece.harmonics:
                 waves[i][f, float(w)] = waves[i].get((f, float(w)), 0.0j) + wave
-    bent = np.flatnonzero(np.any(bends, axis=(0, 1)))
-    used = np.flatnonzero(np.any(lines, axis=(0, 1)) | np.any(bends, axis=(0, 1)))
+    curved = bends.any(axis=(0, 1))
+    bent, used = np.flatnonzero(curved), np.flatnonzero(lines.any(axis=(0, 1)) | curved)
     kinds: dict[tuple[tuple[int, float], ...], int] = {}
     kind = np.array([kinds.setdefault(tuple(found), len(kinds)) for found in waves], dtype=np.int64)
     straight_end = int(constant) + used.size
@@ -210,9 +210,10 @@ def exosystem(functions: Sequence[TimeFunction], edges: Array, *, constant: bool
     if constant:
         states[:, 0, 0], owner[:, 0] = 1.0, CONSTANT
     states[:, :, int(constant) : straight_end], owner[:, int(constant) : straight_end] = lines[:, :, used], used
-    states[:, :, straight_end:first] = bends[:, :, bent]
     bend = np.full(e, -1)
-    bend[int(constant) + np.searchsorted(used, bent)] = np.arange(straight_end, first)
+    if bent.size:
+        states[:, :, straight_end:first] = bends[:, :, bent]
+        bend[int(constant) + np.searchsorted(used, bent)] = np.arange(straight_end, first)
     for i, found in enumerate(waves):
         for j, ((f, w), wave) in enumerate(found.items(), first):
             owner[kind[i], j], omega[kind[i], j] = f, w

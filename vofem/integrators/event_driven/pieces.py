@@ -6,16 +6,16 @@ In each status the motion is free motion of blocks, the loads among them; see `r
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vofem.arrays import Array, IntArray
 from vofem.integrators.event_driven.blocks import Blocks, Response, change, response
-from vofem.integrators.event_driven.clusters import Group
+from vofem.integrators.event_driven.clusters import Cluster, Group, group_of
 from vofem.integrators.event_driven.exosystem import Exosystem
 from vofem.integrators.event_driven.modal_space import ModalSpace
-from vofem.integrators.event_driven.regime import Regime
+from vofem.integrators.event_driven.regime import Answers, Regime, add_waves, answers_to_lines, coupled, wave_inputs
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.kernels.jit import jit, plain_form
 from vofem.linalg.exponential import matrix_change, oscillator_change
@@ -97,6 +97,21 @@ class Pieces(NamedTuple):
     response: Response
 
 
+class Still(NamedTuple):
+    """What s statuses have at all frequencies of the loads: e loads, w harmonics among them, n modes.
+
+    Arrays are filled as those of `Maps` are.
+    """
+
+    maps: Maps
+    of: Array  #: That of `Pieces`, in which loads have no meaning, shape (s, 8, e + n).
+    answers: Answers  #: To lines, zero for harmonics; `apart` is not filled in. First axis s, n for m.
+    inputs: tuple[Array, Array | None]  #: By values and rates of the harmonics, shape (s, 2n, w).
+    plain: Array  #: Zero for the members of clusters, else 1, shape (s, n).
+    clusters: list[tuple[Cluster, ...]]
+    push: Array  #: See `Pieces`.
+
+
 def structure(space: ModalSpace, laws: ContactLaws | None, vectors: Array, loads: Exosystem) -> Structure:
     """Return what motions depend on beside their status, from the modal vectors of the loads' functions."""
     coupling = np.empty((0, 0)) if space.coupling is None else np.ascontiguousarray(space.coupling)
@@ -163,31 +178,50 @@ def maps(
     return found
 
 
-def pieces(regimes: Sequence[Regime], loads: Exosystem, n: int) -> Pieces:
-    """Return the blocks of some statuses of n modes, under loads without breakpoints."""
-    s, e, r = len(regimes), loads.size, max(regime.blocks.pair.shape[0] for regime in regimes)
-    of, steady = np.ones((s, 8, e + n)), np.zeros((s, 2, n, 2 * e))
-    pairs, pair, gain = np.zeros(s, dtype=np.int64), np.zeros((s, r, 3), dtype=np.int64), np.zeros((s, r, 4))
+def still(regimes: Sequence[Regime], maps: Maps) -> Still:
+    """Return what some statuses have at all frequencies, from any one. Sliders have no belts."""
+    s, n, e = len(regimes), maps.p.shape[1], regimes[0].loads
+    of, plain = np.ones((s, 8, e + n)), np.ones((s, n))
     for k, regime in enumerate(regimes):
-        blocks, m = regime.blocks, regime.spectrum.p.size
-        of[k, :, : e + m], pairs[k] = blocks.of, blocks.pair.shape[0]
-        pair[k, : pairs[k]], gain[k, : pairs[k]] = blocks.pair, blocks.gain
-        steady[k, :, :m] = regime.answers.steady.reshape(2, m, 2 * e)
-    push = np.zeros((0, n))
-    if regimes[0].sliding is not None:
-        push = np.array([regime.sliding.pushes.sources[:, 0] for regime in regimes if regime.sliding is not None])
-    return Pieces(
-        loads.at(np.zeros(1))[0],
-        loads.omega[0],
-        of,
-        pairs,
-        pair,
-        gain,
-        steady.reshape(s, 2 * n, 2 * e),
-        push,
-        np.empty((7, e + n)),
-        response(False),
-    )
+        m = regime.spectrum.p.size
+        of[k, :, e : e + m] = regime.base.of
+        plain[k, :m] = 1.0 if regime.spectrum.plain is None else regime.spectrum.plain
+    lines = [answers_to_lines(one.base, one.kind, one.horizon, one.pushes) for one in regimes]
+    values, rates = zip(*(wave_inputs(one.base, one.kind, one.pushes) for one in regimes), strict=True)
+    # Which blocks have no answer is told by their drive.
+    steady, drive, apart = *(_stacked([one[i] for one in lines], n) for i in (0, 1)), np.zeros((s, n, e), dtype=bool)
+    push = [one.pushes.sources[:, 0] for one in regimes if one.pushes is not None]
+    return Still(
+        maps, of, Answers(steady, drive, apart),
+        (_stacked(values, n), None if rates[0] is None else _stacked(rates, n)), plain,
+        [() if one.spectrum.blocks is None else one.spectrum.blocks.clusters for one in regimes],
+        np.array(push).reshape(len(push), n),
+    )  # fmt: skip
+
+
+def _stacked(parts: Sequence[Any], n: int) -> Array:
+    """Return s arrays (2m, k) of m <= n blocks as one, (s, 2n, k), with zeros for missing blocks."""
+    found = np.zeros((len(parts), 2, n, parts[0].shape[1]))
+    for into, part in zip(found, parts, strict=True):
+        into[:, : len(part) // 2] = part.reshape(2, len(part) // 2, part.shape[1])
+    return found.reshape(len(parts), 2 * n, parts[0].shape[1])
+
+
+def pieces(still: Still, loads: Exosystem) -> tuple[Pieces, list[Group | None]]:
+    """Return the blocks of s statuses under loads without breakpoints, and the group of each status."""
+    kind, e, of, delta, p = loads.kinds[0], loads.size, still.of.copy(), still.maps.delta, still.maps.p
+    of[:, :, :e] = kind.of
+    steady, drive, _ = add_waves(still.answers, (delta, p, still.plain), still.inputs, kind, loads.horizon)
+    each = [coupled(*own, kind.bend) for own in zip(drive, still.plain, strict=True)]
+    pairs = np.array([len(numbers) for numbers, _ in each], dtype=np.int64)
+    pair, gain = np.zeros((len(p), pairs.max(), 3), dtype=np.int64), np.zeros((len(p), pairs.max(), 4))
+    for k, r in enumerate(pairs.tolist()):
+        pair[k, :r], gain[k, :r] = each[k]
+    groups = [
+        group_of(*own, kind.omega, kind.bend, loads.horizon) for own in zip(still.clusters, drive, strict=True)
+    ]  # fmt: skip
+    work, first, respond = np.empty((7, of.shape[2])), loads.states[0], response(False)
+    return Pieces(first, kind.omega, of, pairs, pair, gain, steady, still.push, work, respond), groups
 
 
 # -- kernels ------------------------------------------------------------------------------------------

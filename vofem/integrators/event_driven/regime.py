@@ -49,43 +49,45 @@ class Answers(NamedTuple):
 def answers(base: Unloaded, kind: Kind, horizon: float, pushes: Pushes | None = None) -> Answers:
     """Return what the blocks of a status do under loads of some frequencies.
 
-    Those under lines depend on no frequency and are kept with the status.
-
     `horizon`: longest time in s for which a motion is computed. A block that is slower than that is treated as rigid.
     `pushes`: what sliders add to the loads.
     """
-    spectrum, m, down = base.spectrum, base.spectrum.p.size, base.spectrum.real.down
-    e, lines, waves = kind.omega.size, kind.lines, kind.waves
+    spectrum, found = base.spectrum, answers_to_lines(base, kind, horizon, pushes)
+    blocks = spectrum.delta, spectrum.p, spectrum.plain
+    return add_waves(found, blocks, wave_inputs(base, kind, pushes), kind, horizon)
 
-    def of_lines() -> Answers:
-        # The second derivatives that bend lines stand before all waves.
-        forces, rates = _columns(base.local, kind.function[lines] + 1)
-        if pushes is not None:
-            forces, rates = forces + down(pushes.sources[:, lines]), down(pushes.rates[:, lines])
-        return _to_lines(spectrum, forces, rates, kind.bend[lines], horizon)
 
-    key = horizon, kind.key_of_lines
-    if pushes is not None:
-        found = of_lines()
-    else:
-        if key not in base.lines:
-            base.lines[key] = of_lines()
-        found = base.lines[key]
-    if not waves.size:
+def answers_to_lines(base: Unloaded, kind: Kind, horizon: float, pushes: Pushes | None = None) -> Answers:
+    """Return the answers of a status to the lines of a kind; they are zero for harmonics.
+
+    They depend on no frequency and are kept with the status, but for those with sliders.
+    """
+    key, lines, down = (horizon, kind.layout), kind.lines, base.spectrum.real.down
+    found: Answers | None = base.lines.get(key) if pushes is None else None
+    if found is not None:
         return found
-    values, rates = _columns(base.inputs, kind.function[waves] + 1)
+    # The second derivatives that bend lines stand before all waves.
+    forces, rates = _columns(base.local, kind.function[lines] + 1)
     if pushes is not None:
-        values = values + spectrum.real_inputs(down(pushes.sources[:, waves]))
-        rates = spectrum.real_inputs(down(pushes.rates[:, waves]))
-    steady, drive, apart = np.empty((2 * m, 2, e)), np.zeros((2 * m, 2, e)), np.empty((m, e), dtype=bool)
-    apart[:, lines], apart[:, waves] = (
-        found.apart,
-        _add_waves(spectrum, waves, kind.omega[waves], horizon, (values, rates), (steady, drive)),
-    )
-    steady[:, :, lines] = found.steady.reshape(2 * m, 2, lines.size)
-    if found.drive.any():
-        drive[:, :, lines] = found.drive.reshape(2 * m, 2, lines.size)
-    return Answers(steady.reshape(2 * m, 2 * e), drive.reshape(2 * m, 2 * e), apart)
+        forces, rates = forces + down(pushes.sources[:, lines]), down(pushes.rates[:, lines])
+    own = _to_lines(base.spectrum, forces, rates, kind.bend[lines], horizon)
+    m, e = base.spectrum.p.size, kind.omega.size
+    found = Answers(np.zeros((2 * m, 2 * e)), np.zeros((2 * m, 2 * e)), np.zeros((m, e), dtype=bool))
+    both = np.append(lines, e + lines)
+    found.steady[:, both], found.drive[:, both], found.apart[:, lines] = own
+    if pushes is None:
+        base.lines[key] = found
+    return found
+
+
+def wave_inputs(base: Unloaded, kind: Kind, pushes: Pushes | None = None) -> tuple[Array, Array | None]:
+    """Return the inputs to the blocks of a status by values and rates of the harmonics, each (2m, waves)."""
+    waves, spectrum = kind.waves, base.spectrum
+    values, rates = _columns(base.inputs, kind.function[waves] + 1)
+    if pushes is None:
+        return values, rates
+    values = values + spectrum.real_inputs(spectrum.real.down(pushes.sources[:, waves]))
+    return values, spectrum.real_inputs(spectrum.real.down(pushes.rates[:, waves]))
 
 
 def _columns(parts: tuple[Array, Array | None], function: Integers) -> tuple[Array, Array | None]:
@@ -94,34 +96,61 @@ def _columns(parts: tuple[Array, Array | None], function: Integers) -> tuple[Arr
     return values[:, function], None if rates is None else rates[:, function]
 
 
-def _add_waves(
-    spectrum: Spectrum, waves: Integers, omega: Array, horizon: float, inputs: tuple[Array, Array | None],
-    into: tuple[Array, Array],
-) -> NDArray[np.bool_]:  # fmt: skip
-    """Write the answers to harmonics and their drive, each (2m, 2, e); return the pairs without an answer, (m, waves).
+def add_waves(
+    found: Answers, blocks: tuple[Array, Array, Array | None], inputs: tuple[Array, Array | None], kind: Kind,
+    horizon: float,
+) -> Answers:  # fmt: skip
+    """Return answers to lines together with those to harmonics. All arrays may have a leading axis for statuses.
 
-    The inputs by values and rates of the harmonics are of shape (2m, waves).
+    `blocks`: delta, p and plain of the blocks; see `Spectrum`.
+    `inputs`: by values and rates of the harmonics, shape (2m, waves).
     """
-    (values, rates), (steady, drive), m = inputs, into, spectrum.p.size
-    delta, p, turns = spectrum.delta[:, None], spectrum.p[:, None], 1j * omega
-    impedance = p - omega**2 + 2.0 * delta * turns
-    apart = np.abs(impedance) < RESONANT * np.maximum(p, omega**2)
-    apart |= (p * horizon**2 < 1.0) & (omega * horizon < 1.0)
-    driven = apart if spectrum.plain is None else apart | (spectrum.plain[:, None] == 0.0)
+    waves = kind.waves
+    if not waves.size:
+        return found
+    (delta, p, plain), (values, rates), omega, e = blocks, inputs, kind.omega[waves], kind.omega.size
+    steady, drive, apart = found.steady.copy(), found.drive, found.apart.copy()
+    m, square, turns = p.shape[-1], omega**2, 1j * omega
+    p, twice = p[..., None], 2.0 * delta[..., None]
+    impedance = p - square + twice * turns
+    alone = np.abs(impedance) < RESONANT * np.maximum(p, square)
+    if (slow := omega * horizon < 1.0).any():
+        alone |= (p * horizon**2 < 1.0) & slow
+    driven = alone if plain is None else alone | (plain[..., None] == 0.0)
     both = values if rates is None else values + turns * rates
     if driven.any():
         impedance[driven] = 1.0
-        left = np.concatenate([driven, driven])
-        drive[:, 0, waves] = values * left
+        left = np.concatenate([driven, driven], axis=-2)
+        drive = drive.copy()
+        drive[..., waves] = values * left
         if rates is not None:
-            drive[:, 1, waves] = rates * left
+            drive[..., e + waves] = rates * left
         both = both * ~left
-    z = ((2.0 * delta + turns) * both[:m] + both[m:]) / impedance
-    v = turns * z - both[:m]
+    first, second = both[..., :m, :], both[..., m:, :]
+    z = ((twice + turns) * first + second) / impedance
+    answer = np.concatenate([z, turns * z - first], axis=-2)
     # The rate of a harmonic is its imaginary part.
-    steady[:m, 0, waves], steady[m:, 0, waves] = z.real, v.real
-    steady[:m, 1, waves], steady[m:, 1, waves] = z.imag / omega, v.imag / omega
-    return apart
+    steady[..., waves], steady[..., e + waves], apart[..., waves] = answer.real, answer.imag / omega, alone
+    return Answers(steady, drive, apart)
+
+
+def coupled(drive: Array, plain: Array | None, bend: Integers) -> tuple[Integers, Array]:
+    """Return `pair` and `gain` of `Blocks` for inputs to blocks that have no answer, shape (2m, 2e).
+
+    `plain` (shape (m,)): see `Spectrum`.
+    `bend` (shape (e,)): see `Exosystem`.
+    """
+    if bend.max(initial=-1) < 0 and not drive.any():
+        return np.zeros((0, 3), dtype=np.int64), np.zeros((0, 4))
+    e, bent = bend.size, np.flatnonzero(bend >= 0)
+    driven = drive.reshape(2, len(drive) // 2, 2, e)
+    own = np.argwhere(np.any(driven, axis=(0, 2)) & (True if plain is None else plain[:, None] != 0.0))
+    gain = driven[:, own[:, 0], :, own[:, 1]].reshape(len(own), 4)
+    pair = np.concatenate([
+        np.column_stack([bent, bend[bent], np.full(bent.size, -2)]),
+        np.column_stack([e + own[:, 0], own[:, 1], bend[own[:, 1]]]),
+    ])  # fmt: skip
+    return pair, np.concatenate([np.tile([0.0, 0.0, 1.0, 0.0], (bent.size, 1)), gain])
 
 
 def _to_lines(spectrum: Spectrum, forces: Array, rates: Array | None, bend: Integers, horizon: float) -> Answers:
@@ -430,18 +459,7 @@ def regime_of(base: Unloaded, kind: Kind, horizon: float, sliders: Sliders | Non
         assert base.laws is not None
         pushes = sliders.pushes(base.space, base.laws, base.status, spectrum, function, omega, bend)
     found = answers(base, kind, horizon, pushes)
-    m, e = spectrum.p.size, omega.size
-    pair, gain, bent = np.zeros((0, 3), dtype=np.int64), np.zeros((0, 4)), np.flatnonzero(bend >= 0)
-    if bent.size or found.drive.any():
-        driven = found.drive.reshape(2, m, 2, e)
-        members = np.zeros(m, dtype=bool) if spectrum.plain is None else spectrum.plain == 0.0
-        own = np.argwhere(np.any(driven, axis=(0, 2)) & ~members[:, None])
-        gain = driven[:, own[:, 0], :, own[:, 1]].reshape(len(own), 4)
-        pair = np.concatenate([
-            np.column_stack([bent, bend[bent], np.full(bent.size, -2)]),
-            np.column_stack([e + own[:, 0], own[:, 1], bend[own[:, 1]]]),
-        ])  # fmt: skip
-        gain = np.concatenate([np.tile([0.0, 0.0, 1.0, 0.0], (bent.size, 1)), gain])
+    pair, gain = coupled(found.drive, spectrum.plain, bend)
     clusters = () if spectrum.blocks is None else spectrum.blocks.clusters
     group = group_of(clusters, found.drive, omega, bend, horizon)
     blocks = blocks_of(np.concatenate([kind.of, base.of], axis=1), pair, gain, group)

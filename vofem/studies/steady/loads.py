@@ -112,6 +112,8 @@ def _at_rest(system: System) -> str:
 
 def _fundamental(what: str, frequencies: list[tuple[Load, float]]) -> float:
     first, base = frequencies[0]
+    if all(w == base for _, w in frequencies):
+        return base
     ratios = []
     for load, w in frequencies:
         ratio = Fraction(w / base).limit_denominator(_LARGEST)

@@ -117,8 +117,8 @@ def _with_functions(model: Model, scene: Scene, earlier: Scene) -> Model | None:
             if id(function) in functions and functions[id(function)][0] is not getattr(new, attribute):
                 return None
             functions[id(function)] = getattr(new, attribute), new.describe()
-        if type(new) is Contact:
-            names[getattr(old, "name", "")] = new.name
+        if type(new) is Contact and isinstance(old, Contact) and new.name != old.name:
+            names[old.name] = new.name
     system = model.system
     loads = []
     for load in system.loads:
@@ -126,7 +126,7 @@ def _with_functions(model: Model, scene: Scene, earlier: Scene) -> Model | None:
         loads.append(Load(load.vector, function, name))
     laws = tuple(
         replace(group, names=tuple(names.get(name, name) for name in group.names))
-        if group is system.contacts
+        if names and group is system.contacts
         else group
         for group in system.laws
     )
