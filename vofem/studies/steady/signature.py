@@ -57,7 +57,7 @@ _LOW = -0.05
 _NEAR_ANCHOR = 0.15
 
 #: Height of an extreme on the wrong side, over the size of the motion, that is rounding.
-ROUNDING = 1e-11
+ROUNDING = 1e-13
 
 #: Height of an extreme or a touch, over the size of the motion, up to which an orbit grazes a contact.
 _GRAZED = 1e-12

@@ -36,9 +36,9 @@ _EXACT = 1e-16
 #: are singular at length zero.
 BEYOND, _SEVERAL = 1e-8, 1e-6
 
-#: Longer ones, and rates of the parameter, in scaled coordinates, between which they are needed: where the branch bends
-#: from the direction of the length to that of the parameter, rounding decides.
-_LONGER, _BENDS = (1e-6, 1e-5), (0.1, 0.99)
+#: Longer ones, and rates of the length between which they are needed: where the branch bends away from the direction of
+#: the length, no step is as short.
+_LONGER, _BENDS = (1e-6, 1e-5), (0.1, 0.999)
 
 #: Steps in scaled coordinates to the first orbit beyond a grazing where forces jump or bodies rebound. Rounding grows
 #: the more the nearer the grazing; the first is taken of which an ordinary run tells that it repeats, or what it lacks.
@@ -76,9 +76,6 @@ _MOST = 8
 #: Distance of an extreme from its gap, over the size of the motion, that is told where a branch is lost, and the number
 #: of touches above which a contact may chatter.
 _CLOSE, _SEQUENCE = 1e-4, 3
-
-#: Height of an extreme, over the size of the motion, that tells why a run does not repeat an orbit.
-_FAINT = 1e-14
 
 #: How many orbits inside a step are looked at where a change may hide.
 _LOOKS = 4
@@ -134,12 +131,12 @@ def passage(family: Family, now: Point, after: Point) -> Passage | None:
     if min(lengths[0], lengths[-1]) <= 0.0:
         raise ConvergenceError("a switch passed the phase at which the state is an unknown")
     # Beside a segment of negative length there are extremes that mean nothing.
-    changes, found = _vanishing(now, after), None
+    changes, found = _vanishing(now, after) or _touching(now, after), None
     if not changes:
         flow = chart.flow(after.problem, after.y[:-1])
         repeats = after.evaluation.repeats(flow)
         if not repeats:
-            changes = _touching(now, after, flow) or _touching(now, after, flow, _FAINT)
+            changes = _touching(now, after, flow)
         if not changes and not repeats:
             raise ConvergenceError(
                 f"the orbit does not repeat under an ordinary run, by {after.evaluation.closing:.1e} of the motion"
@@ -233,7 +230,7 @@ def _first(family: Family, now: Point, after: Point, changes: list[_Change]) -> 
             change = change._replace(pairs=(*change.pairs, *pairs))
         found, pairs = _located(family, now, last, change)
         last = found.before
-        changes = _vanishing(now, last, pairs) or _touching(now, last)
+        changes = _vanishing(now, last, pairs) or _touching(now, last, now.chart.flow(last.problem, last.y[:-1]))
         if not changes:
             inner = last if pairs else found.after
             # Where forces jump, what they do to rounding grows without bound at a grazing, but not beside it.
@@ -361,13 +358,12 @@ def _mark(chart: Signature, y: Array, k: int) -> Mark:
     return Mark(chart.switches[k].contact, float(chart.phases(y[:-1])[k]))
 
 
-def _touching(now: Point, after: Point, flow: Flow | None = None, least: float = ROUNDING) -> list[_Change]:
-    """Return extremes of gap functions that have come to the wrong side, by more than a share of the motion."""
+def _touching(now: Point, after: Point, flow: Flow | None = None) -> list[_Change]:
+    """Return extremes of gap functions that have come to the wrong side, the first touch of a run among them."""
     chart: Signature = now.chart
-    wrong = [e for e in after.evaluation.extremes if e.height > least]
-    flow = chart.flow(after.problem, after.y[:-1]) if flow is None else flow
-    first = chart.first_touch(after.evaluation, flow)
-    if first is not None and first.height > least and not any(_alike(chart, e.phase, first.phase) for e in wrong):
+    wrong = [e for e in after.evaluation.extremes if e.height > ROUNDING]
+    first = None if flow is None else chart.first_touch(after.evaluation, flow)
+    if first is not None and first.height > ROUNDING and not any(_alike(chart, e.phase, first.phase) for e in wrong):
         wrong.append(first)
     found = []
     for e, near in zip(wrong, _nearest(now.evaluation.extremes, wrong) if wrong else (), strict=True):
@@ -613,7 +609,7 @@ def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[i
                 if inner is None:
                     raise
                 break
-            if laws != {"smooth"} or not _BENDS[0] < abs(float(inner.tangent[-1])) < _BENDS[1]:
+            if laws != {"smooth"} or not _BENDS[0] < abs(float(inner.tangent[lengths[0]])) < _BENDS[1]:
                 break
         return inner
     # Elsewhere lengths, speeds and the parameter change together, and the branch has a direction.
