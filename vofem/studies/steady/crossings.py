@@ -373,7 +373,8 @@ def _at_turn(family: Family, step: Step, passed: bool) -> list[SpecialPoint]:
         # Very close to a branch point the determinant is rounding.
         near = share - min(_BESIDE, 0.5 * share), share + min(_BESIDE, 0.5 * (1.0 - share))
         low, high = (orientation(point_between(family, step, one)) for one in near)
-        kind = "branch_point" if low == high else kind
+        if low == high:
+            kind, point = "branch_point", _along(step, _exact(family, point), share)
     return [special_at(kind, point, share)]
 
 

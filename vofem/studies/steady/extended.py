@@ -80,7 +80,7 @@ class ExtendedEvaluation:
         return getattr(self.orbit, name)
 
     @property
-    def rounding(self) -> float:
+    def solved(self) -> float:
         """Error of an evaluation that may be rounding; that of the condition is not known."""
         return max(ROUNDING, float(self.orbit.rounding))
 
@@ -130,23 +130,24 @@ class Extended:
     # -- equations ------------------------------------------------------------------------------------
 
     def evaluate(self, problem: Any, y: Array, *, derivative: bool = True, near: Any = None) -> ExtendedEvaluation:
-        """Return the equations at the orbit's coordinates, theta or s, and `value`, shape (m,)."""
+        """Return the equations at the orbit's coordinates, theta or s, and `value`, shape (m,).
+
+        `near` is for coordinates with segments. Second differences need states that follow from the anchor.
+        """
         m = y.size - self.more
-        now = self.inner.evaluate(problem, y[:m], near=near)
+        now = self.inner.evaluate(problem, y[:m])
         if self.kind == "grazing":
             return self._grazing(problem, y, now, derivative)
         branch = self.kind == "branch_point"
         step = (_WIDER if branch else 1.0) * _BY_VALUE * self.size
         ends: list[Any] = []
         if derivative or branch:
-            ends = [self._at(problem, now, y[:m], sign * step, derivative=not branch) for sign in (1.0, -1.0)]
+            ends = [self._at(problem, y[:m], sign * step, derivative=not branch) for sign in (1.0, -1.0)]
         by_value = (ends[0].residual - ends[1].residual) / (2.0 * step) if ends else np.zeros(m)
         if branch:
             # Here the derivative is a part of the condition itself: six values give it more digits.
             for away, share in ((2.0, -0.3), (3.0, 1.0 / 30.0)):
-                far = [
-                    self._at(problem, now, y[:m], sign * away * step, derivative=False).residual for sign in (1.0, -1.0)
-                ]
+                far = [self._at(problem, y[:m], sign * away * step, derivative=False).residual for sign in (1.0, -1.0)]
                 by_value = by_value + share * (far[0] - far[1]) / (3.0 * step)
             by_value = 1.5 * by_value
         matrix = self._matrix(problem, now, y[m], by_value)
@@ -168,7 +169,7 @@ class Extended:
         jacobian[:m, :m], jacobian[:m, -1] = now.jacobian, by_value
         if branch:
             jacobian[: rows.size, m] = left[:, 0] / rows
-        slopes = self._slopes(problem, now, y[:m], test)
+        slopes = self._slopes(problem, y[:m], test)
         bend = np.nan
         if branch:
             jacobian[m:, :m], jacobian[m:, -1] = slopes[:, :m], slopes[:, m]
@@ -218,16 +219,16 @@ class Extended:
         if not derivative:
             return ExtendedEvaluation(now, residual, np.empty((0, 0)), error)
         step = _BY_VALUE * self.size
-        ends = [self._at(problem, now, y[:m], sign * step, derivative=False) for sign in (1.0, -1.0)]
+        ends = [self._at(problem, y[:m], sign * step, derivative=False) for sign in (1.0, -1.0)]
         jacobian = np.zeros((m + 1, m + 1))
         jacobian[:m, :m], jacobian[:m, m] = now.jacobian, (ends[0].residual - ends[1].residual) / (2.0 * step)
         jacobian[m, place] = 1.0
         return ExtendedEvaluation(now, residual, jacobian, error)
 
-    def _at(self, problem: Any, near: Any, inner: Array, away: float, *, derivative: bool = True) -> Any:
+    def _at(self, problem: Any, inner: Array, away: float, *, derivative: bool = True) -> Any:
         """Return the equations of the orbit at another `value`."""
         value, *others = problem.parameters
-        return self.inner.evaluate(self.family.at(value + away, *others), inner, derivative=derivative, near=near)
+        return self.inner.evaluate(self.family.at(value + away, *others), inner, derivative=derivative)
 
     def _reduced(self, problem: Any) -> bool:
         """Return whether the switches do not change the motion to first order, so that multipliers need none of them.
@@ -276,7 +277,7 @@ class Extended:
             raise ConvergenceError("the matrix of a special orbit is singular") from error
         return _Test(found[columns_count:].ravel(), found[:columns_count], other[:rows_count])
 
-    def _slopes(self, problem: Any, now: Any, inner: Array, test: _Test) -> NDArray[Any]:
+    def _slopes(self, problem: Any, inner: Array, test: _Test) -> NDArray[Any]:
         """Return derivatives of the tests by the orbit's coordinates, and by `value` at branch points.
 
         Second derivatives of the equations do not depend on their order. Those of all coordinates on the null vectors
@@ -295,25 +296,24 @@ class Extended:
                 # A step of a certain length in scaled coordinates.
                 length = float(np.linalg.norm(part / columns))
                 step = _ALONG / length if length > 0.0 else 1.0
-                ends = [self._derivatives(problem, now, inner, sign * step * part) for sign in (1.0, -1.0)]
+                ends = [self._derivatives(problem, inner, sign * step * part) for sign in (1.0, -1.0)]
                 slopes.append((ends[0] - ends[1])[: rows.size] / (2.0 * step))
             total = slopes[0] if len(slopes) == 1 else slopes[0] + 1j * slopes[1]
             found.append(-(weights @ total))
         return np.array(found)
 
-    def _derivatives(self, problem: Any, near: Any, inner: Array, away: Array) -> Array:
+    def _derivatives(self, problem: Any, inner: Array, away: Array) -> Array:
         """Return derivatives of the equations at a change of coordinates, and of `value` at branch points."""
         m = inner.size
         moved = inner.copy()
         moved[: min(away.size, m)] += away[:m]
         if self.kind != "branch_point":
-            return np.asarray(self.inner.evaluate(problem, moved, near=near).jacobian)
+            return np.asarray(self.inner.evaluate(problem, moved).jacobian)
         step = _ALONG * self.size
         at = float(away[m])
-        now = self._at(problem, near, moved, at)
-        ends = [self._at(problem, now, moved, at + sign * step, derivative=False).residual for sign in (1.0, -1.0)]
+        ends = [self._at(problem, moved, at + sign * step, derivative=False).residual for sign in (1.0, -1.0)]
         by_value = (ends[0] - ends[1]) / (2.0 * step)
-        return np.concatenate([now.jacobian, by_value[:, None]], axis=1)
+        return np.concatenate([self._at(problem, moved, at).jacobian, by_value[:, None]], axis=1)
 
     # -- coordinates ----------------------------------------------------------------------------------
 

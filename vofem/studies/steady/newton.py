@@ -17,9 +17,8 @@ _STEPS, _HALVINGS, _FALLS = 40, 7, 0.1
 #: Error of an evaluation at which equations count as solved.
 TOLERANCE = 1e-13
 
-#: A residual that no longer shrinks counts as rounding below what an evaluation calls its `rounding`; where it does not
-#: know, below the first of these, and always below the second.
-ROUNDING, _SOLVED = 1e-9, 1e-11
+#: A residual that no longer shrinks counts as rounding below what an evaluation calls `solved`, or below this.
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -49,22 +48,23 @@ def solved(
     `known`: the evaluation at the guess.
     `step`: returns the next step from unknowns and their evaluation; by default that of Newton's method.
     `halvings`: how often a step may be halved so that the residual falls.
-    `growth`: factor by which the first step may raise the residual.
+    `growth`: factor by which one step may raise the residual, which is no rounding then.
     Raises `ConvergenceError` if the residual does not vanish. The message gives the least residual.
     """
     x = np.array(guess, dtype=float)
     now, why = evaluate(x) if known is None else known, ""
-    for k in range(steps):
+    for _ in range(steps):
         if now.error <= tolerance or not np.isfinite(now.error):
             break
         move = direction(now.jacobian, -now.residual) if step is None else step(x, now)
         # A part of a step that lowers rounding does so by chance.
         parts = halvings if now.error > ROUNDING else 0
-        after, why = lowered(evaluate, x, move, now.error * (1.0 if k else growth), parts)
+        after, why = lowered(evaluate, x, move, now.error * (growth if now.error > ROUNDING else 1.0), parts)
         if after is None:
             break
+        growth = 1.0 if after[1].error > now.error else growth
         x, now = after
-    if now.error <= _SOLVED or now.error <= getattr(now, "rounding", ROUNDING):
+    if now.error <= getattr(now, "solved", ROUNDING):
         return Solved(x, now)
     raise ConvergenceError(f"Newton's method left a residual of {now.error:.2e} of the motion{why and f': {why}'}")
 

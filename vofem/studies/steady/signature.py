@@ -123,6 +123,9 @@ class SignatureEvaluation:
     error: float  #: The largest residual over the size of the motion.
     sizes: tuple[float, float]  #: Sizes of modal displacements and velocities.
 
+    #: An error that may be rounding.
+    solved: ClassVar[float] = 1e-11
+
     @property
     def states(self) -> Array:
         """The states in unknowns in which the segments begin, shape (k + 1, 2n)."""
@@ -278,10 +281,11 @@ class SignatureEvaluation:
         if not np.all(np.isfinite(self.jacobian)):
             return 0.0
         n, left = self.problem.size, np.zeros_like(self.residual)
+        exact = self.chart.evaluate(self.problem, self.y, derivative=False).residual
         for signs in _SIGNS:
             rounded = self.y * (1.0 + _DIGITS * np.resize(signs, self.y.size))
             moved = self.chart.evaluate(self.problem, rounded, derivative=False)
-            left = np.maximum(left, np.abs(moved.residual - self.residual))
+            left = np.maximum(left, np.abs(moved.residual - exact))
         closes, switches = left[:n], left[n:]
         if switches.size and not self.chart.smooth(self.problem):
             carried = direction(self.jacobian[n:, n:].T, self.jacobian[:n, n:].T)

@@ -36,9 +36,9 @@ _EXACT = 1e-16
 #: are singular at length zero.
 BEYOND, _SEVERAL = 1e-8, 1e-6
 
-#: Longer ones, and rates of the length between which they are needed: where the branch bends away from the direction of
-#: the length, no step is as short.
-_LONGER, _BENDS = (1e-6, 1e-5), (0.1, 0.999)
+#: Longer ones, and rates of the parameter, in scaled coordinates, between which they are needed: where the branch bends
+#: from the direction of the length to that of the parameter, rounding decides.
+_LONGER, _BENDS = (1e-6, 1e-5), (0.1, 0.99)
 
 #: Steps in scaled coordinates to the first orbit beyond a grazing where forces jump or bodies rebound. Rounding grows
 #: the more the nearer the grazing; the first is taken of which an ordinary run tells that it repeats, or what it lacks.
@@ -609,7 +609,7 @@ def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[i
                 if inner is None:
                     raise
                 break
-            if laws != {"smooth"} or not _BENDS[0] < abs(float(inner.tangent[lengths[0]])) < _BENDS[1]:
+            if laws != {"smooth"} or not _BENDS[0] < abs(float(inner.tangent[-1])) < _BENDS[1]:
                 break
         return inner
     # Elsewhere lengths, speeds and the parameter change together, and the branch has a direction.
