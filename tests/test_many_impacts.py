@@ -48,9 +48,9 @@ def test_a_branch_does_not_go_back_through_a_grazing():
     assert [s.contact for s in grazings] == ["below", "above", "below"]
     assert grazings[1].value == pytest.approx(grazings[2].value, abs=1e-12)
     # It turns there, where multipliers are rounding; the value is that of the branch point's own equations.
-    assert [(s.kind, s.value) for s in branch.special if 60.0 < s.place < 62.0] == [
-        ("branch_point", pytest.approx(0.47706814138271, abs=1e-10))
-    ]
+    turns = [s for s in branch.special if s.kind in ("fold", "branch_point")]
+    (turn,) = [s for s in turns if grazings[1].place < s.place < grazings[2].place]
+    assert (turn.kind, turn.value) == ("branch_point", pytest.approx(0.47706814138271, abs=1e-10))
     assert not any("may be missing" in note for note in branch.notes)
     # Orbits and not only values are new, and the branch has not come back to where it began.
     states = np.array([[*o.unknowns, 100.0 * value] for o, value in zip(branch.orbits, branch.values, strict=True)])

@@ -144,7 +144,6 @@ class _OnPlane:
     def step(self, y: Array, now: Any) -> Array:
         """Return the step of Newton's method."""
         self.improve(now)
-        self.near = now
         if self.renewed and self._steps > 1 and self._moved[-1] != 0.0 and now.error > _SLOW * self._before.error:
             self.by_value = derivative_by_value(self.family, self.chart, y, now)
         matrix = np.empty((y.size, y.size))
@@ -153,6 +152,7 @@ class _OnPlane:
         matrix[-1] = self.normal
         right = np.append(now.residual, self.normal @ ((y - self.guess) / self.scales))
         self._before, self._moved, self._steps = now, -direction(matrix, right) * self.scales, self._steps + 1
+        self.near = now.before(self._moved[:-1]) if self.chart.segmented else now
         return self._moved
 
 

@@ -104,10 +104,14 @@ class Extreme(NamedTuple):
 
 
 class States(NamedTuple):
-    """Where segments begin: coordinates of a signature, shape (m,), and the states there in unknowns, (k + 1, 2n)."""
+    """Where segments begin: coordinates of a signature, shape (m,), and the states there in unknowns, (k + 1, 2n).
+
+    `moved` (shape (m,)): the way from there to coordinates that are asked for. It has more digits than a difference.
+    """
 
     y: Array
     states: Array
+    moved: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -125,11 +129,16 @@ class SignatureEvaluation:
 
     #: An error that may be rounding.
     solved: ClassVar[float] = 1e-11
+    moved: ClassVar[None] = None
 
     @property
     def states(self) -> Array:
         """The states in unknowns in which the segments begin, shape (k + 1, 2n)."""
         return self.problem.unmodal(self.path.begins.T).T
+
+    def before(self, moved: Array) -> States:
+        """Return where segments begin for coordinates from which those here are a step away, shape (m,)."""
+        return States(self.y, self.states, moved)
 
     @cached_property
     def closing(self) -> float:
@@ -429,7 +438,8 @@ class Signature:
 
     def _begins(self, problem: Shooting, y: Array, near: SignatureEvaluation | States) -> Array:
         """Return modal states in which segments begin, shape (k + 1, 2n), from those at coordinates nearby."""
-        begins, moved, omega = problem.modal(near.states.T).T, y - near.y, problem.loads.omega
+        begins, omega = problem.modal(near.states.T).T, problem.loads.omega
+        moved = y - near.y if near.moved is None else near.moved
         if not moved.any():
             return begins
         path = problem.course.along(
