@@ -61,8 +61,8 @@ _SLOW, _FARTHER = 3, 10.0
 #: Largest portion of a bracket that is gone at once.
 _MOST = 0.999
 
-#: Values of a test that are zero, and the share of the step in which a value shows a jump that stays so large, as a
-#: share of the larger one at the ends.
+#: Values of a test that are zero, in terms of the larger one at the ends, and the share of the step in which a value
+#: shows a jump that stays so large.
 _ZERO, _JUMP, _STAYS = 1e-14, 1e-4, 0.1
 
 #: A sign change counts as a root where the function is smaller there than this share of its ends: no pole, no jump.
@@ -94,7 +94,7 @@ _LEVEL = 1e-12
 
 #: Share of a step within which several multipliers may pass the unit circle at one place. In longer parts they are
 #: parted by cuts: two that meet outside change the numbers too.
-_TOGETHER = 0.02
+_TOGETHER = 0.1
 
 #: Weight of a single real multiplier that crosses the circle, against pairs that do so and become real outside.
 _ODD = 10
@@ -408,6 +408,7 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
     if not np.all(np.isfinite(ends)) or ends[0] * ends[1] > 0.0:
         return None
     largest = max(map(abs, ends))
+    zero = _ZERO * min(1.0, largest)
     known: dict[float, Point] = {}
     # The newest place, the one on the other side of the root, and the one that was left out last, with their values.
     a, b, c = (0.0, ends[0]), (1.0, ends[1]), None
@@ -431,11 +432,11 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
             rounding = moved <= _ROUGH and abs(value) >= abs(a[1])
             if (value > 0.0) == (a[1] > 0.0):
                 a, c = (share, value), a
-                settled = not beside and (rounding or abs(value) <= _ZERO)
+                settled = not beside and (rounding or abs(value) <= zero)
             else:
                 a, b, c = (share, value), a, b
-                settled = beside or rounding or abs(value) <= _ZERO
-            if beside and abs(value) <= _ZERO:
+                settled = beside or rounding or abs(value) <= zero
+            if beside and abs(value) <= zero:
                 break
     except ConvergenceError:
         # At a branch point the equations are singular; an orbit beside it is better than none.
