@@ -128,7 +128,7 @@ class SignatureEvaluation:
     sizes: tuple[float, float]  #: Sizes of modal displacements and velocities.
 
     #: An error that may be rounding.
-    solved: ClassVar[float] = 1e-11
+    solved: ClassVar[float] = 1e-10
     moved: ClassVar[None] = None
 
     @property
