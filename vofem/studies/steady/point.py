@@ -24,6 +24,10 @@ _DIFFERENCE, _LEAST = 1e-8, 1e-9
 #: Factor by which the residual falls in a step at least where the derivative with respect to the parameter is good.
 _SLOW = 0.02
 
+#: Change of the parameter, as a share of it, below which it is held, and the way along a branch, in scaled coordinates,
+#: by which this may move an orbit.
+_HELD, _LOST = 1e-14, 1e-9
+
 #: Change of the parameter, as a share of a step, above which it is used to compute the derivative.
 _TELLING = 1e-2
 
@@ -135,7 +139,7 @@ class _OnPlane:
     def improve(self, now: Any) -> None:
         """Take the derivative by the parameter that explains the last step, where the parameter moved enough in it."""
         before, moved = self._before, self._moved
-        if before is None or now is before or moved[-1] == 0.0:
+        if before is None or now is before or abs(moved[-1]) <= _LEAST * abs(self.guess[-1]):
             return
         if abs(moved[-1] / self.scales[-1]) >= _TELLING * np.linalg.norm(moved / self.scales):
             along = 0.5 * (before.jacobian + now.jacobian) @ moved[:-1]
@@ -150,8 +154,18 @@ class _OnPlane:
         matrix[:-1, :-1] = now.jacobian * self.scales[:-1]
         matrix[:-1, -1] = self.by_value * self.scales[-1]
         matrix[-1] = self.normal
-        right = np.append(now.residual, self.normal @ ((y - self.guess) / self.scales))
-        self._before, self._moved, self._steps = now, -direction(matrix, right) * self.scales, self._steps + 1
+        right = np.zeros((y.size, 2))
+        right[:, 0] = np.append(now.residual, self.normal @ ((y - self.guess) / self.scales))
+        right[-1, 1] = 1.0
+        back, along = direction(matrix, right).T * self.scales
+        # Every change of the parameter rounds all phases anew, and stiff contacts magnify that. So it is held in the last
+        # steps; what it lacks is made up for along the branch.
+        moved = (y[-1] - back[-1]) - y[-1] if abs(back[-1]) > _HELD * abs(y[-1]) else 0.0
+        lost = (moved + back[-1]) / along[-1] if along[-1] else np.inf
+        if abs(lost) <= _LOST:
+            back = back - lost * along
+            back[-1] = -moved
+        self._before, self._moved, self._steps = now, -back, self._steps + 1
         self.near = now.before(self._moved[:-1]) if self.chart.segmented else now
         return self._moved
 
