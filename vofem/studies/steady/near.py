@@ -18,10 +18,11 @@ from vofem.integrators.event_driven.flow import Flow
 from vofem.studies.steady.newton import Solved, direction, lowered, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.shooting import Shooting, relative
-from vofem.studies.steady.signature import Signature, SignatureEvaluation, signature_of
+from vofem.studies.steady.signature import Signature, SignatureEvaluation, States, signature_of
 
-#: Steps of the state, halvings of one of them, and steps in the lengths of segments.
-_STEPS, _HALVINGS, _POLISHED = 40, 7, 10
+#: Steps of the state, halvings of one of them, steps in the lengths of segments, and how much the residual may grow in
+#: the first of these.
+_STEPS, _HALVINGS, _POLISHED, _UNEVEN = 40, 7, 10, 100.0
 
 #: Change over an orbit, over the size of the motion, up to which Newton's method in lengths is tried.
 _TRIED = 0.5
@@ -60,7 +61,7 @@ def orbit_near(problem: Shooting, guess: Array | None, steps: int = _STEPS, *, o
     now, change = _evaluated(problem, *(known or run()))
     for _ in range(steps):
         if np.isfinite(change):
-            found = _polished(now) if change <= _TRIED else None
+            found = polished(now) if change <= _TRIED else None
             if found is not None:
                 ran = found.chart.flow(problem, found.y)
                 if found.repeats(ran):
@@ -105,21 +106,25 @@ def _evaluated(
     return now, relative(now.residual[: problem.size], now.sizes)
 
 
-def _polished(now: SignatureEvaluation) -> SignatureEvaluation | None:
+def polished(now: SignatureEvaluation) -> SignatureEvaluation | None:
     """Return the solution near an evaluation with the same signature, or None."""
-    latest = now
+    near: States | None = None
+
+    def step(_: Array, known: SignatureEvaluation) -> Array:
+        nonlocal near
+        move = direction(known.jacobian, -known.residual)
+        near = known.before(move)
+        return move
 
     def evaluate(y: Array) -> SignatureEvaluation:
-        nonlocal latest
-        latest = now.chart.evaluate(now.problem, y, near=latest)
-        return latest
+        return now.chart.evaluate(now.problem, y, near=near)
 
     try:
-        found = solved(evaluate, now.y, _POLISHED, known=now, halvings=0)
+        found = solved(evaluate, now.y, _POLISHED, known=now, step=step, halvings=0, growth=_UNEVEN)
     except ConvergenceError:
         return None
-    polished: SignatureEvaluation = found.evaluation.stripped()
-    return polished
+    evaluation: SignatureEvaluation = found.evaluation.stripped()
+    return evaluation
 
 
 class _Ran(NamedTuple):
@@ -138,5 +143,6 @@ def _moved(now: SignatureEvaluation, change: float) -> Flow | None:
         after = problem.to_unknowns(flow.displacement, flow.velocity)
         return _Ran(flow, relative(after - state, now.sizes))
 
-    found, _ = lowered(ran, now.y[:n], direction(now.jacobian, -now.residual)[:n], change, _HALVINGS)
+    step = direction(now.jacobian, -now.residual)[:n]
+    found, _ = lowered(ran, now.y[:n], step, replace(now, error=change, condensed=change), _HALVINGS)
     return None if found is None else found[1].flow

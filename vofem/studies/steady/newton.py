@@ -20,6 +20,9 @@ TOLERANCE = 1e-13
 #: A residual that no longer shrinks counts as rounding below what an evaluation calls `solved`, or below this.
 ROUNDING = 1e-9
 
+#: A residual above the first of these may grow up to the second where an evaluation's `condensed` residual falls.
+_GROWS, _SMALL = 1e-12, 1e-6
+
 
 @dataclass(frozen=True)
 class Solved:
@@ -53,39 +56,50 @@ def solved(
     """
     x = np.array(guess, dtype=float)
     now, why = evaluate(x) if known is None else known, ""
+    best = x, now
     for _ in range(steps):
         if now.error <= tolerance or not np.isfinite(now.error):
             break
         move = direction(now.jacobian, -now.residual) if step is None else step(x, now)
         # A part of a step that lowers rounding does so by chance.
         parts = halvings if now.error > ROUNDING else 0
-        after, why = lowered(evaluate, x, move, now.error * (growth if now.error > ROUNDING else 1.0), parts)
+        after, why = lowered(evaluate, x, move, now, parts, growth if now.error > ROUNDING else 1.0)
         if after is None:
             break
         growth = 1.0 if after[1].error > now.error else growth
         x, now = after
+        best = min(best, after, key=lambda one: one[1].error)
+    x, now = best
     if now.error <= getattr(now, "solved", ROUNDING):
         return Solved(x, now)
     raise ConvergenceError(f"Newton's method left a residual of {now.error:.2e} of the motion{why and f': {why}'}")
 
 
 def lowered(
-    evaluate: Callable[[Array], Any], x: Array, move: Array, error: float, halvings: int
+    evaluate: Callable[[Array], Any], x: Array, move: Array, now: Any, halvings: int, growth: float = 1.0
 ) -> tuple[tuple[Array, Any] | None, str]:
-    """Return unknowns after a step or a part of it that lowers the error, and what is evaluated there.
+    """Return unknowns after a step from `now`, or a part of it, that lowers the error, and what is evaluated there.
+
+    `growth`: factor by which the error may be higher.
 
     None where no part does; the text says what happened then.
     """
-    factor, why = 1.0, ""
+    factor, why, most = 1.0, "", _SMALL if now.error > _GROWS else 0.0
     for _ in range(1 + halvings):
         try:
-            after = evaluate(x + factor * move)
-            if after.error <= (1.0 - _FALLS * factor) * error:
+            after, less = evaluate(x + factor * move), 1.0 - _FALLS * factor
+            falls = after.error <= less * growth * now.error
+            if falls or (after.error <= most and _condensed(after) <= less * _condensed(now)):
                 return (x + factor * move, after), ""
         except ConvergenceError as failed:
             why = str(failed)
         factor *= 0.5
     return None, why
+
+
+def _condensed(evaluation: Any) -> float:
+    """Return the residual of the equations that are left where others are eliminated; it has more rounding."""
+    return float(getattr(evaluation, "condensed", evaluation.error))
 
 
 def raised(

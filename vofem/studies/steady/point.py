@@ -24,12 +24,11 @@ _DIFFERENCE, _LEAST = 1e-8, 1e-9
 #: Factor by which the residual falls in a step at least where the derivative with respect to the parameter is good.
 _SLOW = 0.02
 
-#: Change of the parameter, as a share of it, below which it is held, and the way along a branch, in scaled coordinates,
-#: by which this may move an orbit.
-_HELD, _LOST = 1e-14, 1e-9
+#: Change of the parameter, as a share of it, below which it is held, and by how much an equation may give way to it.
+_HELD, _LOST = 4e-15, 1e-10
 
-#: Change of the parameter, as a share of a step, above which it is used to compute the derivative.
-_TELLING = 1e-2
+#: Change of the parameter, as a share of a step and of the parameter, above which it is used to compute the derivative.
+_TELLING, _EXACT = 1e-2, 1e-12
 
 
 @dataclass(frozen=True)
@@ -124,9 +123,9 @@ class _OnPlane:
 
     def __init__(
         self, family: Family, chart: Any, guess: Array, scales: Array, normal: Array, by_value: Array, near: Any,
-        renewed: bool,
+        renewed: bool, loose: int,
     ) -> None:  # fmt: skip
-        self.near = near
+        self.near, self.loose = near, loose
         self.family, self.chart, self.guess, self.scales, self.normal = family, chart, guess, scales, normal
         self.by_value, self.renewed = by_value, renewed
         self._before: Any = None
@@ -139,7 +138,7 @@ class _OnPlane:
     def improve(self, now: Any) -> None:
         """Take the derivative by the parameter that explains the last step, where the parameter moved enough in it."""
         before, moved = self._before, self._moved
-        if before is None or now is before or abs(moved[-1]) <= _LEAST * abs(self.guess[-1]):
+        if before is None or now is before or abs(moved[-1]) <= _EXACT * abs(self.guess[-1]):
             return
         if abs(moved[-1] / self.scales[-1]) >= _TELLING * np.linalg.norm(moved / self.scales):
             along = 0.5 * (before.jacobian + now.jacobian) @ moved[:-1]
@@ -156,10 +155,10 @@ class _OnPlane:
         matrix[-1] = self.normal
         right = np.zeros((y.size, 2))
         right[:, 0] = np.append(now.residual, self.normal @ ((y - self.guess) / self.scales))
-        right[-1, 1] = 1.0
+        right[self.loose, 1] = 1.0
         back, along = direction(matrix, right).T * self.scales
-        # Every change of the parameter rounds all phases anew, and stiff contacts magnify that. So it is held in the last
-        # steps; what it lacks is made up for along the branch.
+        # Every change of the parameter rounds all phases anew, and stiff contacts magnify that. So the last steps hold
+        # it; what it lacks is made up for by the equation that gives way.
         moved = (y[-1] - back[-1]) - y[-1] if abs(back[-1]) > _HELD * abs(y[-1]) else 0.0
         lost = (moved + back[-1]) / along[-1] if along[-1] else np.inf
         if abs(lost) <= _LOST:
@@ -181,6 +180,7 @@ def corrected(
     tolerance: float = TOLERANCE,
     renewed: bool = False,
     near: Any = None,
+    loose: int = -1,
 ) -> tuple[Array, Any, Array]:
     """Return an orbit near a guess, on the plane through it with a normal: `y` (n + 1,), evaluation, `by_value` (n,).
 
@@ -192,10 +192,11 @@ def corrected(
     `tolerance`: error of an evaluation that is small enough. If it is below rounding, the best point is returned.
     `renewed`: whether the derivative with respect to the parameter is computed anew where the iteration is slow.
     `near`: an evaluation near the guess, or `States`, for coordinates with segments.
+    `loose`: number of the equation that gives way to the rounding of the parameter; by default that of the plane.
     Raises `ConvergenceError`.
     """
     normal = level(guess.size) if normal is None else normal
-    plane = _OnPlane(family, chart, guess, scales, normal, by_value, near, renewed)
+    plane = _OnPlane(family, chart, guess, scales, normal, by_value, near, renewed, loose)
     found = solved(plane.evaluate, guess, steps - 1, tolerance=tolerance, step=plane.step, halvings=0, growth=_GROWTH)
     plane.improve(found.evaluation)
     now = found.evaluation

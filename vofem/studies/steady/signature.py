@@ -124,7 +124,8 @@ class SignatureEvaluation:
     path: Path  #: The motion through the segments.
     residual: Array  #: Shape (m,); to first order that of segments that begin where those before end.
     jacobian: Array  #: Empty without derivatives, shape (m, m).
-    error: float  #: The largest residual over the size of the motion.
+    error: float  #: The largest residual, or what segments miss of the next ones, over the size of the motion.
+    condensed: float  #: The largest of `residual` over the size of the motion.
     sizes: tuple[float, float]  #: Sizes of modal displacements and velocities.
 
     #: An error that may be rounding.
@@ -434,7 +435,8 @@ class Signature:
                 residual += np.concatenate([problem.unmodal(path.columns[:, m]), rows[:, m] / sizes])
         if not np.all(np.isfinite(residual)):
             error = np.inf
-        return SignatureEvaluation(self, problem, y.copy(), path, residual, jacobian, error, path.sizes)
+        condensed = max(relative(residual[:n], path.sizes), float(np.abs(residual[n:]).max(initial=0.0)))
+        return SignatureEvaluation(self, problem, y.copy(), path, residual, jacobian, error, condensed, path.sizes)
 
     def _begins(self, problem: Shooting, y: Array, near: SignatureEvaluation | States) -> Array:
         """Return modal states in which segments begin, shape (k + 1, 2n), from those at coordinates nearby."""

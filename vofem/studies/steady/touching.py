@@ -12,7 +12,6 @@ from __future__ import annotations
 from bisect import bisect
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -24,7 +23,7 @@ from vofem.integrators.event_driven.flow import Flow
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.studies.steady.between import Step, point_between
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.newton import solved
+from vofem.studies.steady.near import polished
 from vofem.studies.steady.point import Point, corrected, derivative_by_value, level, point_at, scales_of
 from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Extreme, Signature, States, Switch, signature_of
 from vofem.system import CLOSED, OPEN, PINNED
@@ -84,9 +83,9 @@ _LOOKS = 4
 #: gap inside the step; and a value inside, as a share of the smaller one at the ends, that leaves no doubt.
 _REACH, _CLEAR = 0.1, 0.2
 
-#: Distance in scaled coordinates of orbits that rest at a gap after different numbers of touches, least cosine of the
-#: angle between their branches, and how much the residual may grow in the first step of Newton's method between them.
-_RESTS, _STRAIGHT, _UNEVEN = 1e-4, 0.9, 100.0
+#: Distance in scaled coordinates of orbits that rest at a gap after different numbers of touches, and least cosine of
+#: the angle between their branches.
+_RESTS, _STRAIGHT = 1e-4, 0.9
 
 #: Step in scaled coordinates by which heights, speeds and reactions are differentiated.
 _DIFFERENCE = 1e-6
@@ -287,7 +286,9 @@ def resting(family: Family, now: Point, guess: Array) -> Passage | None:
         touching = [{s.contact for s in one} for one in every]
         if not rests or new.switches == old or touching[0] != touching[1]:
             return None
-        found = solved(partial(new.evaluate, problem), y, growth=_UNEVEN).evaluation
+        found = polished(new.evaluate(problem, y))
+        if found is None:
+            return None
         y = found.y
     else:
         return None
@@ -779,6 +780,12 @@ def _with_length(family: Family, chart: Signature, guess: Array, place: int, len
     by_value = derivative_by_value(family, chart, guess, evaluation)
     normal = np.zeros(guess.size)
     normal[place] = 1.0
-    y, evaluation, _ = corrected(family, chart, guess, scales, normal, by_value, 12, _EXACT, near=evaluation)
+    # The gap of a touch may differ by the rounding of the parameter, and its length may not.
+    k = place - problem.size
+    begun = chart.partners[k]
+    loose = place if begun is None else problem.size + begun
+    y, evaluation, _ = corrected(
+        family, chart, guess, scales, normal, by_value, 12, _EXACT, near=evaluation, loose=loose
+    )
     y[place] = length
     return point_at(family, chart, y, normal, evaluation)
