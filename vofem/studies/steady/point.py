@@ -9,7 +9,7 @@ import numpy as np
 
 from vofem.arrays import Array
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.newton import direction, solved
+from vofem.studies.steady.newton import MAGNIFIED, direction, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
 
 #: Error of an evaluation at which a point counts as solved; Newton's last step makes it smaller still.
@@ -159,7 +159,8 @@ class _OnPlane:
         back, along = direction(matrix, right).T * self.scales
         # Every change of the parameter rounds all phases anew, and stiff contacts magnify that. So the last steps hold
         # it; what it lacks is made up for by the equation that gives way.
-        moved = (y[-1] - back[-1]) - y[-1] if abs(back[-1]) > _HELD * abs(y[-1]) else 0.0
+        held = now.error > MAGNIFIED and abs(back[-1]) <= _HELD * abs(y[-1])
+        moved = 0.0 if held else (y[-1] - back[-1]) - y[-1]
         lost = (moved + back[-1]) / along[-1] if along[-1] else np.inf
         if abs(lost) <= _LOST:
             back = back - lost * along
@@ -180,6 +181,7 @@ def corrected(
     tolerance: float = TOLERANCE,
     renewed: bool = False,
     near: Any = None,
+    known: Any = None,
     loose: int = -1,
 ) -> tuple[Array, Any, Array]:
     """Return an orbit near a guess, on the plane through it with a normal: `y` (n + 1,), evaluation, `by_value` (n,).
@@ -191,13 +193,15 @@ def corrected(
     `steps`: largest number of evaluations.
     `tolerance`: error of an evaluation that is small enough. If it is below rounding, the best point is returned.
     `renewed`: whether the derivative with respect to the parameter is computed anew where the iteration is slow.
-    `near`: an evaluation near the guess, or `States`, for coordinates with segments.
+    `near`: an evaluation near the guess, or `States`, for coordinates with segments; or `known`, that at the guess.
     `loose`: number of the equation that gives way to the rounding of the parameter; by default that of the plane.
     Raises `ConvergenceError`.
     """
     normal = level(guess.size) if normal is None else normal
     plane = _OnPlane(family, chart, guess, scales, normal, by_value, near, renewed, loose)
-    found = solved(plane.evaluate, guess, steps - 1, tolerance=tolerance, step=plane.step, halvings=0, growth=_GROWTH)
+    found = solved(
+        plane.evaluate, guess, steps - 1, tolerance=tolerance, known=known, step=plane.step, halvings=0, growth=_GROWTH
+    )
     plane.improve(found.evaluation)
     now = found.evaluation
     # What only the correction needs is left behind.

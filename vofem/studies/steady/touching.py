@@ -52,9 +52,8 @@ _NEARLY = 5e-3
 #: Shares of a step by which ends of touches may differ that are searched as one.
 _SAME = 0.02
 
-#: Height over the size of the motion up to which touches begin together, at least and in terms of rounding, and
-#: difference of phases over the orbit.
-_TOGETHER, _ROUNDINGS, _ALIKE = 1e-13, 2.0, 1e-6
+#: Height over the size of the motion up to which touches begin together, and difference of phases over the orbit.
+_TOGETHER, _ALIKE = 1e-12, 1e-6
 
 #: Rate of the parameter, in scaled coordinates, that may be rounding beside a grazing.
 _ROUNDED = 1e-8
@@ -65,9 +64,6 @@ _LEAVES = 1e-5
 
 #: Share of a step beyond its end up to which a change may lie, and distance before its begin that is rounding.
 _OUTSIDE, _BEHIND = 0.05, 1e-8
-
-#: Share of a step up to which a change may be the one at which the step begins.
-_AT_BEGIN = 1e-6
 
 #: Changes that are located in one step at most, to find the first of them.
 _MOST = 8
@@ -167,11 +163,8 @@ def _hidden(family: Family, now: Point, after: Point, looks: int = _LOOKS) -> tu
     share = _lowest(family, now, after) if looks and isinstance(now.chart, Signature) else None
     if share is None:
         return None
-    try:
-        middle = point_between(family, Step(now, after), share)
-        changes = _vanishing(now, middle) or _touching(now, middle)
-    except ConvergenceError:
-        return None
+    middle = point_between(family, Step(now, after), share)
+    changes = _vanishing(now, middle) or _touching(now, middle)
     if changes:
         return middle, changes
     before = _hidden(family, now, middle, looks - 1)
@@ -194,15 +187,15 @@ def _lowest(family: Family, now: Point, after: Point) -> float | None:
     slopes = np.array([a * chart.rates(p.tangent * p.scales) for p, a in zip((now, after), along, strict=True)])
     inside = [slice(p + 1, k + 1) for p, k in _spans(chart)]
     known = [(*ends[:, one].sum(axis=1), *slopes[:, one].sum(axis=1)) for one in inside]
-    later = after.evaluation.extremes
-    pairs = zip(_nearest(now.evaluation.extremes, later), later, strict=True)
-    near = [(e, last) for e, last in pairs if e is not None and max(e.height, last.height) >= -_REACH * step]
-    if near:
-        rates = []
-        for point, factor, found in zip((now, after), along, zip(*near, strict=True), strict=True):
-            away = _away_along(family, point, [Mark(e.contact, e.phase) for e in found])
-            rates.append(factor * away / point.evaluation.size_of([e.contact for e in found]))
-        known += [(-e[0].height, -e[1].height, *both) for e, *both in zip(near, *rates, strict=True)]
+    heights, rates = _extremes_along(family, (now, after), along, -_REACH * step)
+    whole = np.isfinite(heights).all(axis=0)
+    # One that is at one end alone goes on evenly until it vanishes.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reached = (heights / rates + [[0.0], [1.0]])[:, ~whole]
+    reached = reached[(reached > 0.0) & (reached < 1.0)]
+    if reached.size:
+        return float(reached.min())
+    known += list(map(tuple, np.concatenate([-heights, rates])[:, whole].T))
     if not known:
         return None
     v0, v1, s0, s1 = np.array(known).T
@@ -217,6 +210,29 @@ def _lowest(family: Family, now: Point, after: Point) -> float | None:
     low[(x == 0.0) | (v0 <= AT_ONCE)] = np.inf
     worst = np.unravel_index(low.argmin(), low.shape)
     return float(x[worst]) if low[worst] < (-AT_ONCE if v1[worst[1]] <= AT_ONCE else 0.0) else None
+
+
+def _extremes_along(
+    family: Family, ends: tuple[Point, Point], along: Sequence[float], least: float
+) -> tuple[Array, Array]:
+    """Return heights above a least one of extremes at two neighbours, and rates at which they leave the gap, (2, k).
+
+    They are NaN where one is at the other end alone. `along`: factors of the derivatives along the branch.
+    """
+    earlier, later = (point.evaluation.extremes for point in ends)
+    nearest = _nearest(earlier, later)
+    pairs: list[tuple[Extreme | None, Extreme | None]] = list(zip(nearest, later, strict=True))
+    pairs += [(e, None) for e in earlier if e not in set(nearest)]
+    pairs = [pair for pair in pairs if max(e.height for e in pair if e is not None) >= least]
+    found = np.full((2, 2, len(pairs)), np.nan)
+    for k, point in enumerate(ends):
+        mine = [(number, pair[k]) for number, pair in enumerate(pairs)]
+        known = {number: e for number, e in mine if e is not None}
+        if known:
+            away = _away_along(family, point, [Mark(e.contact, e.phase) for e in known.values()])
+            sizes = point.evaluation.size_of([e.contact for e in known.values()])
+            found[:, k, list(known)] = [e.height for e in known.values()], along[k] * away / sizes
+    return found[0], found[1]
 
 
 def _first(family: Family, now: Point, after: Point, changes: list[_Change]) -> Passage:
@@ -398,9 +414,6 @@ def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple
     pairs, guess = change.pairs, now.y + change.share * (after.y - now.y)
     near = now if change.share < 0.5 else after
     if change.begins is not None:
-        if change.share <= _AT_BEGIN and _away_along(family, now, [change.begins])[0] > 0.0:
-            # It has just been grazed, leaves the gap, and comes back within the step.
-            raise ConvergenceError("a contact leaves its gap and comes back in one step")
         outer, every = _outside(family, old, guess, change.begins, now.tangent, near.evaluation)
         _between(now, after, outer.y)
         outer = _along(now, outer)
@@ -522,14 +535,13 @@ def _outside(
     y = np.append(long.edited(at.y[:-1], gone)[1], at.value)
     point = point_at(family, chart, y, towards, near=long.begins_of(at.evaluation, gone))
     own = [_mark(chart, y, k) for k in range(len(chart.switches))]
-    together = max(_TOGETHER, _ROUNDINGS * point.evaluation.rounding)
     found = [
         Mark(e.contact, e.phase)
         for e in point.evaluation.extremes
-        if abs(e.height) <= together and not _among(chart, [mark, *own], e.contact, e.phase)
+        if abs(e.height) <= _TOGETHER and not _among(chart, [mark, *own], e.contact, e.phase)
     ]
     margins = chart.margins(point.problem, point.evaluation)
-    turns = [own[k] for k, margin in margins.items() if abs(margin) <= together]
+    turns = [own[k] for k, margin in margins.items() if abs(margin) <= _TOGETHER]
     return point, [mark, *found, *(turn for turn in turns if not _among(chart, [mark], *turn))]
 
 
@@ -785,7 +797,7 @@ def _with_length(family: Family, chart: Signature, guess: Array, place: int, len
     begun = chart.partners[k]
     loose = place if begun is None else problem.size + begun
     y, evaluation, _ = corrected(
-        family, chart, guess, scales, normal, by_value, 12, _EXACT, near=evaluation, loose=loose
+        family, chart, guess, scales, normal, by_value, 12, _EXACT, known=evaluation, loose=loose
     )
     y[place] = length
     return point_at(family, chart, y, normal, evaluation)
