@@ -84,6 +84,16 @@ def test_rounding_of_very_unstable_orbits_does_not_end_a_branch():
     assert max(map(away, branch.orbits)) <= REPEATS
 
 
+def test_a_rounded_parameter_does_not_end_a_branch():
+    """Beyond a fold beside a double grazing, rounding of the parameter alone changes an orbit by 1e-9 of its motion."""
+    case = drawn(149)
+    branch = vf.continuation(case.build, case.start, case.stop, max_points=135)
+    assert "followed for 135 points" in branch.notes[-1]
+    assert any(s.kind == "fold" and s.value == pytest.approx(987.28508498, abs=1e-8) for s in branch.special)
+    assert abs(branch.values[-1] - 987.285084) > 1e-3
+    assert max(map(away, branch.orbits[-20:])) <= REPEATS
+
+
 def test_orbits_that_no_run_repeats_are_passed_and_left_out():
     """A branch turns at the grazing of a stop whose force jumps, where multipliers grow beyond 1e8."""
     case = drawn(212)

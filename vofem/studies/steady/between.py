@@ -9,7 +9,7 @@ import numpy as np
 
 from vofem.arrays import Array
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.point import Point, corrected, derivative_by_value, level, tangent_at
+from vofem.studies.steady.point import Point, corrected, level, point_at
 
 #: Error of an evaluation that the orbits reach with which special points are located.
 EXACT = 1e-14
@@ -111,8 +111,6 @@ def point_between(
         family, first.chart, guess * scales, scales, plane, by_value, tolerance=tolerance, renewed=True,
         near=nearest.evaluation,
     )  # fmt: skip
-    towards = first.tangent
     if tangent:
-        by_value = derivative_by_value(family, first.chart, y, evaluation)
-        towards = tangent_at(evaluation, by_value, scales, normal)
-    return Point(first.chart, y, family.of(y), evaluation, scales, by_value, towards)
+        return point_at(family, first.chart, y, normal, evaluation, scales=scales)
+    return Point(first.chart, y, family.of(y), evaluation, scales, by_value, first.tangent)

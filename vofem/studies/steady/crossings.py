@@ -39,7 +39,7 @@ from vofem.studies.steady.census import (
 )
 from vofem.studies.steady.extended import Extended
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.point import Point, derivative_by_value, tangent_at
+from vofem.studies.steady.point import Point, derivative_by_value, point_at
 from vofem.studies.steady.shorter import at_flip, repeats
 from vofem.studies.steady.special import SpecialPoint, special_at
 
@@ -445,7 +445,10 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
     value, share = min(found, default=(np.inf, 0.0))
     if value > _VANISHES * largest or width > _BESIDE:
         return None
-    return known[share] if test is turning else _directed(family, known[share]), share
+    at = known[share]
+    if test is not turning:
+        at = point_at(family, at.chart, at.y, at.tangent, at.evaluation, scales=at.scales)
+    return at, share
 
 
 def _portion(a: _Place, b: _Place, c: _Place | None) -> float:
@@ -460,10 +463,3 @@ def _portion(a: _Place, b: _Place, c: _Place | None) -> float:
     portion = a[1] / (b[1] - a[1]) * c[1] / (b[1] - c[1])
     portion += (c[0] - a[0]) / (b[0] - a[0]) * a[1] / (c[1] - a[1]) * b[1] / (c[1] - b[1])
     return float(min(max(portion, 0.0), _MOST))
-
-
-def _directed(family: Family, point: Point) -> Point:
-    """Return a point with the direction of the branch there, on the side of its tangent so far."""
-    y, evaluation = point.y, point.evaluation
-    by_value = derivative_by_value(family, point.chart, y, evaluation)
-    return replace(point, by_value=by_value, tangent=tangent_at(evaluation, by_value, point.scales, point.tangent))

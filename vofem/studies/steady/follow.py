@@ -23,11 +23,9 @@ from vofem.studies.steady.point import (
     ORIGIN,
     Point,
     corrected,
-    derivative_by_value,
     level,
     point_at,
     scales_of,
-    tangent_at,
 )
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.signature import Signature
@@ -57,6 +55,9 @@ _RESTING = 1e-3
 
 #: Distance in scaled coordinates within which a step may end at a grazing.
 _NEAR = 0.03
+
+#: Condition of the equations of an orbit above which rounding decides directions.
+_MAGNIFIES = 1e13
 
 #: Factors by which a step may change.
 _SHRINK, _GROW = 0.4, 2.0
@@ -182,10 +183,13 @@ class Follower:
 
     def _lost(self, now: Point) -> str:
         """Return what is known about the place where no further orbit was found."""
+        rounded = ""
+        if now.chart.segmented and np.linalg.cond(now.evaluation.jacobian * now.scales[:-1]) > _MAGNIFIES:
+            rounded = "; one touch after another magnifies rounding, so that it decides the direction of the branch"
         return (
             f"the {self.noun} was lost at {now.value:.12g}: Newton's method does not converge for the smallest "
-            f"step{self._why}{what_contacts_do(now)}. To go on, follow from an orbit beyond: vofem.continuation(..., "
-            "guess=) with a run there that has settled, or with periods="
+            f"step{self._why}{what_contacts_do(now)}{rounded}. To go on, follow from an orbit beyond: "
+            "vofem.continuation(..., guess=) with a run there that has settled, or with periods="
         )
 
     def _advanced(self, now: Point, step: float) -> tuple[Point, float] | None:
@@ -193,8 +197,8 @@ class Follower:
         chart = now.chart
         guess = self._predicted(now, step)
         try:
-            y, evaluation, by_value = self._corrected(now, guess, step)
-            after = self._accepted(now, y, evaluation, by_value, step)
+            y, evaluation = self._corrected(now, guess, step)
+            after = self._accepted(now, y, evaluation, step)
             if after is None:
                 return self._ending(now, step)
             passed = None
@@ -306,7 +310,7 @@ class Follower:
         known = [-length, -length, 0.0, 0.0], [place, place, here, here], [tangent, now.tangent]
         return interpolated(*known, step) * now.scales
 
-    def _corrected(self, now: Point, guess: Array, step: float) -> tuple[Array, Any, Array]:
+    def _corrected(self, now: Point, guess: Array, step: float) -> tuple[Array, Any]:
         """Return the orbit near a guess."""
         # A problem at a known value costs nothing, so the value is held where no fold is near.
         slope, earlier, bend = now.tangent[-1], self._earlier(now), 0.0
@@ -315,36 +319,32 @@ class Follower:
         held = isinstance(now.chart, Signature) and abs(slope) > max(_FOLD * step * abs(bend), _LEVEL)
         normal = level(guess.size, np.sign(slope)) if held else now.tangent
         near = now.evaluation
-        return corrected(self.family, now.chart, guess, now.scales, normal, now.by_value, renewed=True, near=near)
+        return corrected(self.family, now.chart, guess, now.scales, normal, now.by_value, renewed=True, near=near)[:2]
 
-    def _accepted(self, now: Point, y: Array, evaluation: Any, by_value: Array, step: float) -> Point | None:
+    def _accepted(self, now: Point, y: Array, evaluation: Any, step: float) -> Point | None:
         """Return a corrected point, or None where the branch has turned too far.
 
         Under harmonic balance a branch has a corner where a slider begins to slip. There short steps may turn farther.
         """
         refused = _REFUSED if isinstance(now.problem, Shooting) or step > _SHORT else _CORNER
-        problem = self.family.of(y)
-        chart = now.chart
-        scales = scales_of(self.family, chart, problem, evaluation)
-        # First the cheap test, with the derivative from the correction.
-        towards = now.tangent * now.scales / scales
-        towards /= np.linalg.norm(towards)
+        scales = scales_of(self.family, now.chart, self.family.of(y), evaluation)
         secant = (y - now.y) / now.scales
-        if secant @ now.tangent < refused * np.linalg.norm(secant):
+        after = None
+        # First the cheap test, without a direction.
+        if secant @ now.tangent >= refused * np.linalg.norm(secant):
+            towards = now.tangent * now.scales / scales
+            towards /= np.linalg.norm(towards)
+            after = point_at(self.family, now.chart, y, towards, evaluation, scales=scales)
+        if after is None or after.tangent @ towards < refused:
             self._why = " (the branch turns too far in one step)"
             return None
-        by_value = derivative_by_value(self.family, chart, y, evaluation)
-        tangent = tangent_at(evaluation, by_value, scales, towards)
-        if tangent @ towards < refused:
-            self._why = " (the branch turns too far in one step)"
-            return None
-        if chart.segmented and step > _LEAST_SHARE * self.largest:
+        if now.chart.segmented and step > _LEAST_SHARE * self.largest:
             # Along one branch the way between two neighbours has the mean of their directions.
-            mean = now.tangent + tangent * scales / now.scales
+            mean = now.tangent + after.tangent * scales / now.scales
             if np.linalg.norm(secant / np.linalg.norm(secant) - mean / np.linalg.norm(mean)) > _APART:
                 self._why = " (the step led to another branch)"
                 return None
-        return Point(chart, y, problem, evaluation, scales, by_value, tangent)
+        return after
 
     def _take(self, step: Step | None, point: Point | None = None) -> None:
         """Add a point to the branch, and the special points on the way to it."""

@@ -208,11 +208,16 @@ def corrected(
     return found.unknowns, now.stripped() if hasattr(now, "stripped") else now, plane.by_value
 
 
-def point_at(family: Family, chart: Any, y: Array, towards: Array, evaluation: Any = None, near: Any = None) -> Point:
-    """Return a point with its tangent on the side of a direction in scaled coordinates; `near` as in `corrected`."""
+def point_at(
+    family: Family, chart: Any, y: Array, towards: Array, evaluation: Any = None, near: Any = None, scales: Any = None
+) -> Point:
+    """Return a point with its direction, on the side of another one in scaled coordinates; `near` as in `corrected`.
+
+    `scales`: by default those of the orbit.
+    """
     problem = family.of(y)
     evaluation = chart.evaluate(problem, y[:-1], near=near) if evaluation is None else evaluation
-    scales = scales_of(family, chart, problem, evaluation)
+    scales = scales_of(family, chart, problem, evaluation) if scales is None else scales
     by_value = derivative_by_value(family, chart, y, evaluation)
     return Point(chart, y, problem, evaluation, scales, by_value, tangent_at(evaluation, by_value, scales, towards))
 
