@@ -20,9 +20,8 @@ TOLERANCE = 1e-13
 #: A residual that no longer shrinks counts as rounding below what an evaluation calls `solved`, or below this.
 ROUNDING = 1e-9
 
-#: A residual that is more than rounding, unless it is magnified. It may grow up to the second of these where an
-#: evaluation's `condensed` residual falls.
-MAGNIFIED, _SMALL = 1e-12, 1e-6
+#: A residual above the first of these may grow up to the second where an evaluation's `condensed` residual falls.
+_GROWS, _SMALL = 1e-12, 1e-6
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,7 @@ def lowered(
 
     None where no part does; the text says what happened then.
     """
-    factor, why, most = 1.0, "", _SMALL if now.error > MAGNIFIED else 0.0
+    factor, why, most = 1.0, "", _SMALL if now.error > _GROWS else 0.0
     for _ in range(1 + halvings):
         try:
             after, less = evaluate(x + factor * move), 1.0 - _FALLS * factor

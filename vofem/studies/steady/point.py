@@ -9,7 +9,7 @@ import numpy as np
 
 from vofem.arrays import Array
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.newton import MAGNIFIED, direction, solved
+from vofem.studies.steady.newton import direction, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
 
 #: Error of an evaluation at which a point counts as solved; Newton's last step makes it smaller still.
@@ -159,7 +159,7 @@ class _OnPlane:
         back, along = direction(matrix, right).T * self.scales
         # Every change of the parameter rounds all phases anew, and stiff contacts magnify that. So the last steps hold
         # it; what it lacks is made up for by the equation that gives way.
-        held = now.error > MAGNIFIED and abs(back[-1]) <= _HELD * abs(y[-1])
+        held = abs(back[-1]) <= _HELD * abs(y[-1])
         moved = 0.0 if held else (y[-1] - back[-1]) - y[-1]
         lost = (moved + back[-1]) / along[-1] if along[-1] else np.inf
         if abs(lost) <= _LOST:

@@ -53,7 +53,7 @@ _NEARLY = 5e-3
 _SAME = 0.02
 
 #: Height over the size of the motion up to which touches begin together, and difference of phases over the orbit.
-_TOGETHER, _ALIKE = 1e-12, 1e-6
+_TOGETHER, _ALIKE = 1e-13, 1e-6
 
 #: Rate of the parameter, in scaled coordinates, that may be rounding beside a grazing.
 _ROUNDED = 1e-8
@@ -64,6 +64,9 @@ _LEAVES = 1e-5
 
 #: Share of a step beyond its end up to which a change may lie, and distance before its begin that is rounding.
 _OUTSIDE, _BEHIND = 0.05, 1e-8
+
+#: Share of a step up to which a change may be the one at which the step begins.
+_AT_BEGIN = 1e-6
 
 #: Changes that are located in one step at most, to find the first of them.
 _MOST = 8
@@ -163,8 +166,11 @@ def _hidden(family: Family, now: Point, after: Point, looks: int = _LOOKS) -> tu
     share = _lowest(family, now, after) if looks and isinstance(now.chart, Signature) else None
     if share is None:
         return None
-    middle = point_between(family, Step(now, after), share)
-    changes = _vanishing(now, middle) or _touching(now, middle)
+    try:
+        middle = point_between(family, Step(now, after), share)
+        changes = _vanishing(now, middle) or _touching(now, middle)
+    except ConvergenceError:
+        return None
     if changes:
         return middle, changes
     before = _hidden(family, now, middle, looks - 1)
@@ -414,6 +420,9 @@ def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple
     pairs, guess = change.pairs, now.y + change.share * (after.y - now.y)
     near = now if change.share < 0.5 else after
     if change.begins is not None:
+        if change.share <= _AT_BEGIN and _away_along(family, now, [change.begins])[0] > 0.0:
+            # It has just been grazed, leaves the gap, and comes back within the step.
+            raise ConvergenceError("a contact leaves its gap and comes back in one step")
         outer, every = _outside(family, old, guess, change.begins, now.tangent, near.evaluation)
         _between(now, after, outer.y)
         outer = _along(now, outer)
@@ -622,7 +631,9 @@ def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[i
                 if inner is None:
                     raise
                 break
-            if laws != {"smooth"} or not _BENDS[0] < abs(float(inner.tangent[-1])) < _BENDS[1]:
+            bends = laws == {"smooth"} and _BENDS[0] < abs(float(inner.tangent[-1])) < _BENDS[1]
+            # Of several touches rounding may decide the lengths of the others.
+            if not bends and inner.y[lengths].min() > 0.0:
                 break
         return inner
     # Elsewhere lengths, speeds and the parameter change together, and the branch has a direction.
