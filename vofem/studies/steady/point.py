@@ -123,7 +123,7 @@ class _OnPlane:
 
     def __init__(
         self, family: Family, chart: Any, guess: Array, scales: Array, normal: Array, by_value: Array, near: Any,
-        renewed: bool, loose: int,
+        renewed: bool, loose: int | None,
     ) -> None:  # fmt: skip
         self.near, self.loose = near, loose
         self.family, self.chart, self.guess, self.scales, self.normal = family, chart, guess, scales, normal
@@ -155,11 +155,11 @@ class _OnPlane:
         matrix[-1] = self.normal
         right = np.zeros((y.size, 2))
         right[:, 0] = np.append(now.residual, self.normal @ ((y - self.guess) / self.scales))
-        right[self.loose, 1] = 1.0
+        right[-1 if self.loose is None else self.loose, 1] = 1.0
         back, along = direction(matrix, right).T * self.scales
         # Every change of the parameter rounds all phases anew, and stiff contacts magnify that. So the last steps hold
         # it; what it lacks is made up for by the equation that gives way.
-        held = abs(back[-1]) <= _HELD * abs(y[-1])
+        held = self.loose is not None and abs(back[-1]) <= _HELD * abs(y[-1])
         moved = 0.0 if held else (y[-1] - back[-1]) - y[-1]
         lost = (moved + back[-1]) / along[-1] if along[-1] else np.inf
         if abs(lost) <= _LOST:
@@ -182,7 +182,7 @@ def corrected(
     renewed: bool = False,
     near: Any = None,
     known: Any = None,
-    loose: int = -1,
+    loose: int | None = -1,
 ) -> tuple[Array, Any, Array]:
     """Return an orbit near a guess, on the plane through it with a normal: `y` (n + 1,), evaluation, `by_value` (n,).
 
@@ -195,6 +195,7 @@ def corrected(
     `renewed`: whether the derivative with respect to the parameter is computed anew where the iteration is slow.
     `near`: an evaluation near the guess, or `States`, for coordinates with segments; or `known`, that at the guess.
     `loose`: number of the equation that gives way to the rounding of the parameter; by default that of the plane.
+    With None the parameter is not held.
     Raises `ConvergenceError`.
     """
     normal = level(guess.size) if normal is None else normal

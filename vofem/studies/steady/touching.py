@@ -626,7 +626,7 @@ def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[i
                 if k + count < len(chart.switches):
                     guess[n + k + count] -= 0.5 * length
             try:
-                inner = _with_length(family, chart, guess, lengths[0], length, near)
+                inner = _with_length(family, chart, guess, lengths[0], length, near, alone=len(lengths) == 1)
             except ConvergenceError:
                 if inner is None:
                     raise
@@ -793,8 +793,13 @@ def _along(now: Point, point: Point) -> Point:
     return point if point.tangent @ now.tangent >= 0.0 else replace(point, tangent=-point.tangent)
 
 
-def _with_length(family: Family, chart: Signature, guess: Array, place: int, length: float, near: Any) -> Point:
-    """Return the orbit near a guess at which one length has a value; `near` as in `corrected`."""
+def _with_length(
+    family: Family, chart: Signature, guess: Array, place: int, length: float, near: Any, *, alone: bool = True
+) -> Point:
+    """Return the orbit near a guess at which one length has a value; `near` as in `corrected`.
+
+    `alone`: whether no other touches are as short, whose lengths need all digits of all gaps.
+    """
     guess = guess.copy()
     guess[place] = length
     problem = family.of(guess)
@@ -806,7 +811,7 @@ def _with_length(family: Family, chart: Signature, guess: Array, place: int, len
     # The gap of a touch may differ by the rounding of the parameter, and its length may not.
     k = place - problem.size
     begun = chart.partners[k]
-    loose = place if begun is None else problem.size + begun
+    loose = None if not alone else place if begun is None else problem.size + begun
     y, evaluation, _ = corrected(
         family, chart, guess, scales, normal, by_value, 12, _EXACT, known=evaluation, loose=loose
     )
