@@ -228,7 +228,8 @@ def _extremes_along(
     earlier, later = (point.evaluation.extremes for point in ends)
     nearest = _nearest(earlier, later)
     pairs: list[tuple[Extreme | None, Extreme | None]] = list(zip(nearest, later, strict=True))
-    pairs += [(e, None) for e in earlier if e not in set(nearest)]
+    followed = set(nearest)
+    pairs += [(e, None) for e in earlier if e not in followed]
     pairs = [pair for pair in pairs if max(e.height for e in pair if e is not None) >= least]
     found = np.full((2, 2, len(pairs)), np.nan)
     for k, point in enumerate(ends):
@@ -809,9 +810,10 @@ def _with_length(
     normal = np.zeros(guess.size)
     normal[place] = 1.0
     # The gap of a touch may differ by the rounding of the parameter, and its length may not.
-    k = place - problem.size
-    begun = chart.partners[k]
-    loose = None if not alone else place if begun is None else problem.size + begun
+    loose: int | None = None
+    if alone:
+        begun = chart.partners[place - problem.size]
+        loose = place if begun is None else problem.size + begun
     y, evaluation, _ = corrected(
         family, chart, guess, scales, normal, by_value, 12, _EXACT, known=evaluation, loose=loose
     )
