@@ -107,7 +107,7 @@ def point_between(
     by_value = (1.0 - share) * first.by_value + share * last.by_value
     every = {0.0: first, 1.0: last, **known}
     nearest = every[min(every, key=lambda one: abs(one - share))]
-    y, evaluation, by_value = corrected(
+    y, evaluation = corrected(
         family, first.chart, guess * scales, scales, plane, by_value, tolerance=tolerance, renewed=True,
         near=nearest.evaluation,
     )  # fmt: skip

@@ -84,11 +84,6 @@ class ExtendedEvaluation:
         """Error of an evaluation that may be rounding; that of the condition is not known."""
         return max(ROUNDING, float(self.orbit.rounding))
 
-    @property
-    def condensed(self) -> float:
-        """The error: nothing is eliminated here."""
-        return self.error
-
     @cached_property
     def multipliers(self) -> Complex | None:
         """Floquet multipliers of the orbit without those that make it special."""

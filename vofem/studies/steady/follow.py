@@ -129,7 +129,7 @@ class Follower:
         towards = level(y.size, self.family.interval.way)
         evaluation = chart.evaluate(problem, y[:-1])
         scales = scales_of(self.family, chart, problem, evaluation)
-        y, evaluation, _ = corrected(self.family, chart, y, scales, towards, np.zeros(y.size - 1))
+        y, evaluation = corrected(self.family, chart, y, scales, towards, np.zeros(y.size - 1))
         return point_at(self.family, chart, y, towards, evaluation)
 
     # -- the walk -------------------------------------------------------------------------------------
@@ -319,7 +319,7 @@ class Follower:
         held = isinstance(now.chart, Signature) and abs(slope) > max(_FOLD * step * abs(bend), _LEVEL)
         normal = level(guess.size, np.sign(slope)) if held else now.tangent
         near = now.evaluation
-        return corrected(self.family, now.chart, guess, now.scales, normal, now.by_value, renewed=True, near=near)[:2]
+        return corrected(self.family, now.chart, guess, now.scales, normal, now.by_value, renewed=True, near=near)
 
     def _accepted(self, now: Point, y: Array, evaluation: Any, step: float) -> Point | None:
         """Return a corrected point, or None where the branch has turned too far.
@@ -416,7 +416,7 @@ class Follower:
         guess[-1] = end
         try:
             near = now.evaluation
-            y, evaluation, _ = corrected(self.family, now.chart, guess, now.scales, None, now.by_value, near=near)
+            y, evaluation = corrected(self.family, now.chart, guess, now.scales, None, now.by_value, near=near)
             last = point_at(self.family, now.chart, y, now.tangent, evaluation)
             if now.chart.segmented and passage(self.family, now, last) is not None:
                 return None

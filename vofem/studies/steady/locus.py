@@ -164,7 +164,6 @@ def locus(
     family, first = _begin(build, special, Interval(start, stop))
     noun = f"locus of {special.kind}"
     walker = _Walk(family, largest=max_step, most=max_points, seconds=max_seconds, noun=noun)
-    first = point_at(family, first.chart, first.y, level(first.y.size, family.interval.way), first.evaluation)
     if special.kind == "branch_point" and abs(first.tangent[-3]) > _UNFOLDS:
         raise ArgumentError(
             f"locus: the branch point at {special.value:.9g} exists for {start:.9g} alone: with another value of the "
@@ -282,7 +281,7 @@ def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interv
     y = np.concatenate([y, [value, interval.start]])
     scales = np.append(inner.scales(problem, evaluation), [1.0] * (chart.more - 1) + [chart.size, interval.size])
     try:
-        y, solved, by_value = corrected(family, chart, y, scales, None, np.zeros(y.size - 1), 12)
+        y, solved = corrected(family, chart, y, scales, None, np.zeros(y.size - 1), 12)
     except ConvergenceError as error:
         raise ConvergenceError(
             f"locus: the equations of the {kind} are not solved from its orbit at {where}. {error}. Two special points "
@@ -293,7 +292,7 @@ def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interv
             f"locus: the {kind} of special, found at {value:.12g}, lies at {y[-2]:.12g} in {where}. Expected the scene "
             "for which it was found"
         )
-    return family, Point(chart, y, family.of(y), solved, scales, by_value, level(y.size))
+    return family, point_at(family, chart, y, level(y.size, family.interval.way), solved)
 
 
 def _angle(values: Any) -> float:

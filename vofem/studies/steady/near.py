@@ -20,9 +20,8 @@ from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.shooting import Shooting, relative
 from vofem.studies.steady.signature import Signature, SignatureEvaluation, States, signature_of
 
-#: Steps of the state, halvings of one of them, steps in the lengths of segments, and how much the residual may grow in
-#: the first of these.
-_STEPS, _HALVINGS, _POLISHED, _UNEVEN = 40, 7, 10, 100.0
+#: Steps of the state, halvings of one of them, and steps in the lengths of segments.
+_STEPS, _HALVINGS, _POLISHED = 40, 7, 10
 
 #: Change over an orbit, over the size of the motion, up to which Newton's method in lengths is tried.
 _TRIED = 0.5
@@ -120,7 +119,8 @@ def polished(now: SignatureEvaluation) -> SignatureEvaluation | None:
         return now.chart.evaluate(now.problem, y, near=near)
 
     try:
-        found = solved(evaluate, now.y, _POLISHED, known=now, step=step, halvings=0, growth=_UNEVEN)
+        scales = now.chart.scales(now.problem, now)
+        found = solved(evaluate, now.y, _POLISHED, known=now, step=step, halvings=0, scales=scales)
     except ConvergenceError:
         return None
     evaluation: SignatureEvaluation = found.evaluation.stripped()
@@ -144,5 +144,5 @@ def _moved(now: SignatureEvaluation, change: float) -> Flow | None:
         return _Ran(flow, relative(after - state, now.sizes))
 
     step = direction(now.jacobian, -now.residual)[:n]
-    found, _ = lowered(ran, now.y[:n], step, replace(now, error=change, condensed=change), _HALVINGS)
+    found, _ = lowered(ran, now.y[:n], step, replace(now, error=change), _HALVINGS)
     return None if found is None else found[1].flow

@@ -20,8 +20,11 @@ TOLERANCE = 1e-13
 #: A residual that no longer shrinks counts as rounding below what an evaluation calls `solved`, or below this.
 ROUNDING = 1e-9
 
-#: A residual above the first of these may grow up to the second where an evaluation's `condensed` residual falls.
-_GROWS, _SMALL = 1e-12, 1e-6
+#: Where the residual does not fall in a whole step, the next step may be at most so much of it.
+_SHORTER = 0.5
+
+#: A residual between these may be one that rounding of the unknowns raises, and the next steps may end it.
+_ROUNDED, _CLOSE = 1e-12, 1e-6
 
 
 @dataclass(frozen=True)
@@ -41,9 +44,12 @@ def solved(
     known: Any = None,
     step: Callable[[Array, Any], Array] | None = None,
     halvings: int = _HALVINGS,
-    growth: float = 1.0,
+    scales: Array | float = 1.0,
 ) -> Solved:
     """Return the orbit near a guess by Newton's method; the best one where rounding keeps it from its tolerance.
+
+    Where steps are not halved, one is good if the residual falls, or if the next step is much shorter: Newton's method
+    converges in the unknowns, and a residual, which depends on its scaling, may rise for a step.
 
     `evaluate`: returns the equations at some unknowns, an evaluation with its Jacobian matrix, or raises
     `ConvergenceError`.
@@ -51,22 +57,34 @@ def solved(
     `known`: the evaluation at the guess.
     `step`: returns the next step from unknowns and their evaluation; by default that of Newton's method.
     `halvings`: how often a step may be halved so that the residual falls.
-    `growth`: factor by which one step may raise the residual, which is no rounding then.
+    `scales` (shape (n,)): sizes of the unknowns.
     Raises `ConvergenceError` if the residual does not vanish. The message gives the least residual.
+    P. Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004 (natural monotonicity).
     """
     x = np.array(guess, dtype=float)
     now, why = evaluate(x) if known is None else known, ""
     best = x, now
+    ahead: Array | None = None
+
+    def good(y: Array, after: Any) -> bool:
+        nonlocal ahead
+        if halvings:
+            return False
+        if now.error > _ROUNDED and after.error <= _CLOSE:
+            return True
+        ahead = step(y, after) if step is not None else direction(after.jacobian, -after.residual)
+        return bool(np.linalg.norm(ahead / scales) <= _SHORTER * np.linalg.norm(move / scales))
+
     for _ in range(steps):
         if now.error <= tolerance or not np.isfinite(now.error):
             break
-        move = direction(now.jacobian, -now.residual) if step is None else step(x, now)
+        if ahead is None:
+            ahead = direction(now.jacobian, -now.residual) if step is None else step(x, now)
+        move, ahead = ahead, None
         # A part of a step that lowers rounding does so by chance.
-        parts = halvings if now.error > ROUNDING else 0
-        after, why = lowered(evaluate, x, move, now, parts, growth if now.error > ROUNDING else 1.0)
+        after, why = lowered(evaluate, x, move, now, halvings if now.error > ROUNDING else 0, good)
         if after is None:
             break
-        growth = 1.0 if after[1].error > now.error else growth
         x, now = after
         best = min(best, after, key=lambda one: one[1].error)
     x, now = best
@@ -76,30 +94,27 @@ def solved(
 
 
 def lowered(
-    evaluate: Callable[[Array], Any], x: Array, move: Array, now: Any, halvings: int, growth: float = 1.0
-) -> tuple[tuple[Array, Any] | None, str]:
+    evaluate: Callable[[Array], Any], x: Array, move: Array, now: Any, halvings: int,
+    good: Callable[[Array, Any], bool] = lambda _, after: False,
+) -> tuple[tuple[Array, Any] | None, str]:  # fmt: skip
     """Return unknowns after a step from `now`, or a part of it, that lowers the error, and what is evaluated there.
 
-    `growth`: factor by which the error may be higher.
+    `good`: whether a whole step is taken that does not lower it, by the unknowns and what is evaluated there.
 
     None where no part does; the text says what happened then.
     """
-    factor, why, most = 1.0, "", _SMALL if now.error > _GROWS else 0.0
+    factor, why = 1.0, ""
     for _ in range(1 + halvings):
         try:
-            after, less = evaluate(x + factor * move), 1.0 - _FALLS * factor
-            falls = after.error <= less * growth * now.error
-            if falls or (after.error <= most and _condensed(after) <= less * _condensed(now)):
-                return (x + factor * move, after), ""
+            there = x + factor * move
+            after = evaluate(there)
+            falls = after.error <= (1.0 - _FALLS * factor) * now.error
+            if falls or (factor == 1.0 and np.isfinite(after.error) and good(there, after)):
+                return (there, after), ""
         except ConvergenceError as failed:
             why = str(failed)
         factor *= 0.5
     return None, why
-
-
-def _condensed(evaluation: Any) -> float:
-    """Return the residual of the equations that are left where others are eliminated; it has more rounding."""
-    return float(getattr(evaluation, "condensed", evaluation.error))
 
 
 def raised(

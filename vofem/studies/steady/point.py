@@ -15,8 +15,8 @@ from vofem.studies.steady.orbit import PeriodicOrbit
 #: Error of an evaluation at which a point counts as solved; Newton's last step makes it smaller still.
 TOLERANCE = 1e-12
 
-#: Evaluations at a point, and by how much the residual may grow in the first of them.
-_STEPS, _GROWTH = 8, 10.0
+#: Evaluations at a point.
+_STEPS = 8
 
 #: Step of the parameter by which derivatives are taken, in terms of the interval and of the value.
 _DIFFERENCE, _LEAST = 1e-8, 1e-9
@@ -183,8 +183,8 @@ def corrected(
     near: Any = None,
     known: Any = None,
     loose: int | None = -1,
-) -> tuple[Array, Any, Array]:
-    """Return an orbit near a guess, on the plane through it with a normal: `y` (n + 1,), evaluation, `by_value` (n,).
+) -> tuple[Array, Any]:
+    """Return an orbit near a guess, on the plane through it with a normal: `y` (n + 1,), and its evaluation.
 
     `guess`, `scales` have shape (n + 1,).
     `normal` (shape (n + 1,)): normal of the plane in scaled coordinates; by default that of a value of the parameter.
@@ -201,12 +201,11 @@ def corrected(
     normal = level(guess.size) if normal is None else normal
     plane = _OnPlane(family, chart, guess, scales, normal, by_value, near, renewed, loose)
     found = solved(
-        plane.evaluate, guess, steps - 1, tolerance=tolerance, known=known, step=plane.step, halvings=0, growth=_GROWTH
+        plane.evaluate, guess, steps - 1, tolerance=tolerance, known=known, step=plane.step, halvings=0, scales=scales
     )
-    plane.improve(found.evaluation)
     now = found.evaluation
     # What only the correction needs is left behind.
-    return found.unknowns, now.stripped() if hasattr(now, "stripped") else now, plane.by_value
+    return found.unknowns, now.stripped() if hasattr(now, "stripped") else now
 
 
 def point_at(

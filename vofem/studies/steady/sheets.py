@@ -104,7 +104,7 @@ class Sheets:
         guess[-1] = value
         by_value = np.zeros(guess.size - 1)
         try:
-            y, evaluation, _ = corrected(self.family, first.chart, guess, first.scales, None, by_value, steps=20)
+            y, evaluation = corrected(self.family, first.chart, guess, first.scales, None, by_value, steps=20)
         except ConvergenceError:
             return None
         point = Point(first.chart, y, self.family.at(value), evaluation, first.scales, by_value, first.tangent)

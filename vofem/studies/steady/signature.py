@@ -125,7 +125,6 @@ class SignatureEvaluation:
     residual: Array  #: Shape (m,); to first order that of segments that begin where those before end.
     jacobian: Array  #: Empty without derivatives, shape (m, m).
     error: float  #: The largest residual, or what segments miss of the next ones, over the size of the motion.
-    condensed: float  #: The largest of `residual` over the size of the motion.
     sizes: tuple[float, float]  #: Sizes of modal displacements and velocities.
 
     #: An error that may be rounding.
@@ -215,6 +214,21 @@ class SignatureEvaluation:
         low, high = tau[i], tau[i + 1]
         places = low + (high - low) * rates[j, i] / (rates[j, i] - rates[j, i + 1])
         heights = np.maximum(values[j, i], values[j, i + 1]) + 0.25 * (high - low) * rates[j, i] / sizes[j]
+        # A rate that changes its sign twice between two samples.
+        steps = np.diff(tau)
+        twice, shares = _turning_twice(rates, sizes[:, None] * np.diff(values) / np.where(steps > 0.0, steps, np.inf))
+        more, k = np.nonzero(twice & mine & (segments[:-1] == segments[1:]) & (values[:, :-1] > _LOW))
+        if more.size:
+            between, rises = tau[k] + shares[more, k] * steps[k], rates[more, k] > 0.0
+            turned = signs[more, k] * path.rows(rows, segments[k])(between)[1][more, range(k.size)]
+            real = turned * rates[more, k] < 0.0
+            j, i, places = np.append(j, more[real]), np.append(i, k[real]), np.append(places, between[real])
+            low = np.append(low, np.where(rises, tau[k], between)[real])
+            high = np.append(high, np.where(rises, between, tau[k + 1])[real])
+            heights = np.append(heights, values[more, k][real])
+            order = np.lexsort((low, i, j))
+            j, i = j[order], i[order]
+            places, low, high, heights = (one[order] for one in (places, low, high, heights))
         near = heights > _LOW
         of, where = j[near], i[near]
         places[near], there = _turned(path.rows(rows, segments[where]), of, low[near], high[near])
@@ -435,8 +449,7 @@ class Signature:
                 residual += np.concatenate([problem.unmodal(path.columns[:, m]), rows[:, m] / sizes])
         if not np.all(np.isfinite(residual)):
             error = np.inf
-        condensed = max(relative(residual[:n], path.sizes), float(np.abs(residual[n:]).max(initial=0.0)))
-        return SignatureEvaluation(self, problem, y.copy(), path, residual, jacobian, error, condensed, path.sizes)
+        return SignatureEvaluation(self, problem, y.copy(), path, residual, jacobian, error, path.sizes)
 
     def _begins(self, problem: Shooting, y: Array, near: SignatureEvaluation | States) -> Array:
         """Return modal states in which segments begin, shape (k + 1, 2n), from those at coordinates nearby."""
@@ -844,6 +857,21 @@ def _samples(segments: Integers, edges: Sequence[Array], counts: Sequence[Intege
     number = np.arange(each.sum()) - np.repeat(np.cumsum(each) - each.ravel(), each.ravel())
     tau = np.repeat(low.ravel(), each.ravel()) + np.repeat(steps.ravel(), each.ravel()) * number
     return np.repeat(segments, each.sum(axis=1)), tau
+
+
+def _turning_twice(rates: Array, means: Array) -> tuple[NDArray[np.bool_], Array]:
+    """Return between which samples rates of one sign may change it twice, and the shares at which they are least.
+
+    Both have shape (k, n - 1), as the means of rates between samples; `rates` have shape (k, n). A rate follows the
+    parabola with both.
+    """
+    first, last = rates[:, :-1], rates[:, 1:]
+    with np.errstate(all="ignore"):
+        bend = 3.0 * (first + last) - 6.0 * means
+        slope = last - first - bend
+        places = -0.5 * slope / bend
+        least = first + 0.5 * slope * places
+        return (first * last > 0.0) & (places > 0.0) & (places < 1.0) & (least * first < 0.0), places
 
 
 def _turned(rows: Callable[[Array], tuple[Array, Array]], of: Integers, low: Array, high: Array) -> tuple[Array, Array]:

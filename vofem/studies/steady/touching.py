@@ -39,6 +39,9 @@ BEYOND, _SEVERAL = 1e-8, 1e-6
 #: from the direction of the length to that of the parameter, rounding decides.
 _LONGER, _BENDS = (1e-6, 1e-5), (0.1, 0.99)
 
+#: Least cosine of the angle between lengths of several touches and their rates, which are proportional to them.
+_EVENLY = 0.9
+
 #: Steps in scaled coordinates to the first orbit beyond a grazing where forces jump or bodies rebound. Rounding grows
 #: the more the nearer the grazing; the first is taken of which an ordinary run tells that it repeats, or what it lacks.
 _NEAREST = (1e-5, 1e-4, 1e-3, 1e-2)
@@ -54,6 +57,9 @@ _SAME = 0.02
 
 #: Height over the size of the motion up to which touches begin together, and difference of phases over the orbit.
 _TOGETHER, _ALIKE = 1e-13, 1e-6
+
+#: The height for two contacts half an orbit apart: those of a symmetric orbit, whose rounding is not symmetric.
+_MIRRORED = 1e-9
 
 #: Rate of the parameter, in scaled coordinates, that may be rounding beside a grazing.
 _ROUNDED = 1e-8
@@ -548,7 +554,8 @@ def _outside(
     found = [
         Mark(e.contact, e.phase)
         for e in point.evaluation.extremes
-        if abs(e.height) <= _TOGETHER and not _among(chart, [mark, *own], e.contact, e.phase)
+        if abs(e.height) <= (_MIRRORED if _mirrored(chart, mark, e) else _TOGETHER)
+        and not _among(chart, [mark, *own], e.contact, e.phase)
     ]
     margins = chart.margins(point.problem, point.evaluation)
     turns = [own[k] for k, margin in margins.items() if abs(margin) <= _TOGETHER]
@@ -633,8 +640,10 @@ def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[i
                     raise
                 break
             bends = laws == {"smooth"} and _BENDS[0] < abs(float(inner.tangent[-1])) < _BENDS[1]
-            # Of several touches rounding may decide the lengths of the others.
-            if not bends and inner.y[lengths].min() > 0.0:
+            # Rounding may decide the lengths of several touches, and how they change. All grow from zero, evenly.
+            grown, growing = inner.y[lengths], inner.tangent[lengths]
+            evenly = float(grown @ growing) > _EVENLY * float(np.linalg.norm(grown) * np.linalg.norm(growing))
+            if not bends and grown.min() > 0.0 and evenly:
                 break
         return inner
     # Elsewhere lengths, speeds and the parameter change together, and the branch has a direction.
@@ -654,7 +663,7 @@ def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[i
     for step in _NEAREST:
         guess = y + step * at.tangent * at.scales
         try:
-            found, evaluation, _ = corrected(
+            found, evaluation = corrected(
                 family, chart, guess, at.scales, at.tangent, at.by_value, tolerance=_EXACT, near=at.evaluation
             )
         except ConvergenceError:
@@ -725,6 +734,11 @@ def _not_turned(short: Point, outside: Point) -> Point:
 
 def _alike(chart: Signature, one: float, other: float) -> bool:
     return abs((one - other + 0.5 * chart.turn) % chart.turn - 0.5 * chart.turn) <= _ALIKE * chart.turn
+
+
+def _mirrored(chart: Signature, mark: Mark, other: Extreme) -> bool:
+    """Return whether an extreme is where a symmetric orbit, whose second half mirrors the first, has that of a mark."""
+    return other.contact != mark.contact and _alike(chart, other.phase, mark.phase + 0.5 * chart.turn)
 
 
 def _slope(family: Family, point: Point, values: Callable[[Any, Any, Array], Any]) -> Array:
@@ -814,8 +828,6 @@ def _with_length(
     if alone:
         begun = chart.partners[place - problem.size]
         loose = place if begun is None else problem.size + begun
-    y, evaluation, _ = corrected(
-        family, chart, guess, scales, normal, by_value, 12, _EXACT, known=evaluation, loose=loose
-    )
+    y, evaluation = corrected(family, chart, guess, scales, normal, by_value, 12, _EXACT, known=evaluation, loose=loose)
     y[place] = length
     return point_at(family, chart, y, normal, evaluation)
