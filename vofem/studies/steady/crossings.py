@@ -388,7 +388,7 @@ def _exact(family: Family, point: Point) -> Point:
     y = np.delete(found, -2)
     if np.linalg.norm((y - point.y) / point.scales) > _NEARBY:
         return point
-    evaluation = point.chart.evaluate(family.of(y), y[:-1], near=point.evaluation)
+    evaluation = point.chart.evaluate(family.of(y), y[:-1])
     by_value = derivative_by_value(family, point.chart, y, evaluation)
     return replace(point, y=y, problem=family.of(y), evaluation=evaluation, by_value=by_value)
 

@@ -53,6 +53,9 @@ _CUTS, _FINE = 60, 1e-9
 #: Height of an extreme, over the size of the motion, below which it is not computed exactly.
 _LOW = -0.05
 
+#: Height of an extreme above which others may lie close to it.
+_AT_GAP = -1e-6
+
 #: The anchor is moved if a switch comes nearer to it than this share of the longest segment.
 _NEAR_ANCHOR = 0.15
 
@@ -209,33 +212,34 @@ class SignatureEvaluation:
         values, rates = path.rows(rows, segments)(tau)
         values, rates = signs * (values - gaps[:, None]) / sizes[:, None], signs * rates
         mine = statuses[:, :-1] < PINNED if contact is None else np.arange(len(laws))[:, None] == contact
-        turns = (rates[:, :-1] > 0.0) & (rates[:, 1:] <= 0.0) & (segments[:-1] == segments[1:])
-        j, i = np.nonzero(turns & mine)
+        inside = mine & (segments[:-1] == segments[1:])
+        turns = (rates[:, :-1] > 0.0) & (rates[:, 1:] <= 0.0) & inside
+        j, i = np.nonzero(turns)
         low, high = tau[i], tau[i + 1]
         places = low + (high - low) * rates[j, i] / (rates[j, i] - rates[j, i + 1])
         heights = np.maximum(values[j, i], values[j, i + 1]) + 0.25 * (high - low) * rates[j, i] / sizes[j]
-        # A rate that changes its sign twice between two samples.
-        steps = np.diff(tau)
-        twice, shares = _turning_twice(rates, sizes[:, None] * np.diff(values) / np.where(steps > 0.0, steps, np.inf))
-        more, k = np.nonzero(twice & mine & (segments[:-1] == segments[1:]) & (values[:, :-1] > _LOW))
-        if more.size:
-            between, rises = tau[k] + shares[more, k] * steps[k], rates[more, k] > 0.0
-            turned = signs[more, k] * path.rows(rows, segments[k])(between)[1][more, range(k.size)]
-            real = turned * rates[more, k] < 0.0
-            j, i, places = np.append(j, more[real]), np.append(i, k[real]), np.append(places, between[real])
-            low = np.append(low, np.where(rises, tau[k], between)[real])
-            high = np.append(high, np.where(rises, between, tau[k + 1])[real])
-            heights = np.append(heights, values[more, k][real])
-            order = np.lexsort((low, i, j))
-            j, i = j[order], i[order]
-            places, low, high, heights = (one[order] for one in (places, low, high, heights))
+        # At a gap finer steps tell extremes that lie close together.
+        close = heights > _AT_GAP
+        if close.any():
+            whole = np.zeros_like(turns)
+            for beside in (-1, 0, 1):
+                whole[j[close], (i[close] + beside).clip(0, tau.size - 2)] = True
+            of, at = np.nonzero(whole & inside)
+            finer = tau[at, None] + np.diff(tau)[at, None] * np.linspace(0.0, 1.0, _FINER + 1)
+            every, times = np.repeat([of, at], _FINER + 1, axis=1), finer.ravel()
+            signed = signs[*every] * path.rows(rows, segments[every[1]])(times)[1][every[0], np.arange(times.size)]
+            signed = signed.reshape(finer.shape)
+            k, step = np.nonzero((signed[:, :-1] > 0.0) & (signed[:, 1:] <= 0.0))
+            j, i = np.append(j[~close], of[k]), np.append(i[~close], at[k])
+            low, high = np.append(low[~close], finer[k, step]), np.append(high[~close], finer[k, step + 1])
+            places, heights = np.append(places[~close], finer[k, step]), np.append(heights[~close], np.zeros(k.size))
         near = heights > _LOW
         of, where = j[near], i[near]
         places[near], there = _turned(path.rows(rows, segments[where]), of, low[near], high[near])
         heights[near] = signs[of, where] * (there - gaps[of]) / sizes[of]
         phases = (path.times[segments[i]] + places) * problem.loads.omega
         found = j.tolist(), segments[i].tolist(), phases.tolist(), heights.tolist()
-        return list(map(Extreme, *found))
+        return sorted(map(Extreme, *found))
 
     def size_of(self, contacts: Sequence[int] | int) -> Array:
         """Return the sizes by which heights of extremes of contacts are divided."""
@@ -857,21 +861,6 @@ def _samples(segments: Integers, edges: Sequence[Array], counts: Sequence[Intege
     number = np.arange(each.sum()) - np.repeat(np.cumsum(each) - each.ravel(), each.ravel())
     tau = np.repeat(low.ravel(), each.ravel()) + np.repeat(steps.ravel(), each.ravel()) * number
     return np.repeat(segments, each.sum(axis=1)), tau
-
-
-def _turning_twice(rates: Array, means: Array) -> tuple[NDArray[np.bool_], Array]:
-    """Return between which samples rates of one sign may change it twice, and the shares at which they are least.
-
-    Both have shape (k, n - 1), as the means of rates between samples; `rates` have shape (k, n). A rate follows the
-    parabola with both.
-    """
-    first, last = rates[:, :-1], rates[:, 1:]
-    with np.errstate(all="ignore"):
-        bend = 3.0 * (first + last) - 6.0 * means
-        slope = last - first - bend
-        places = -0.5 * slope / bend
-        least = first + 0.5 * slope * places
-        return (first * last > 0.0) & (places > 0.0) & (places < 1.0) & (least * first < 0.0), places
 
 
 def _turned(rows: Callable[[Array], tuple[Array, Array]], of: Integers, low: Array, high: Array) -> tuple[Array, Array]:
