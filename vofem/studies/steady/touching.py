@@ -35,12 +35,8 @@ _EXACT = 1e-16
 #: are singular at length zero.
 BEYOND, _SEVERAL = 1e-8, 1e-6
 
-#: Longer ones, and rates of the parameter, in scaled coordinates, between which they are needed: where the branch bends
-#: from the direction of the length to that of the parameter, rounding decides.
-_LONGER, _BENDS = (1e-6, 1e-5), (0.1, 0.99)
-
-#: Least cosine of the angle between lengths of several touches and their rates, which are proportional to them.
-_EVENLY = 0.9
+#: Longer ones, and the least cosine of the angle between the way to an orbit beside a grazing and its direction.
+_LONGER, _EVENLY = (1e-6, 1e-5), 0.99
 
 #: Steps in scaled coordinates to the first orbit beyond a grazing where forces jump or bodies rebound. Rounding grows
 #: the more the nearer the grazing; the first is taken of which an ordinary run tells that it repeats, or what it lacks.
@@ -639,11 +635,9 @@ def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[i
                 if inner is None:
                     raise
                 break
-            bends = laws == {"smooth"} and _BENDS[0] < abs(float(inner.tangent[-1])) < _BENDS[1]
-            # Rounding may decide the lengths of several touches, and how they change. All grow from zero, evenly.
-            grown, growing = inner.y[lengths], inner.tangent[lengths]
-            evenly = float(grown @ growing) > _EVENLY * float(np.linalg.norm(grown) * np.linalg.norm(growing))
-            if not bends and grown.min() > 0.0 and evenly:
+            # Where the branch bends, and of several touches, rounding may decide directions and the others' lengths.
+            way = (inner.y - y) / inner.scales
+            if inner.y[lengths].min() > 0.0 and way @ inner.tangent > _EVENLY * np.linalg.norm(way):
                 break
         return inner
     # Elsewhere lengths, speeds and the parameter change together, and the branch has a direction.
