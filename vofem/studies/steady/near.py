@@ -15,7 +15,7 @@ import numpy as np
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.flow import Flow
-from vofem.studies.steady.newton import Solved, direction, lowered, solved
+from vofem.studies.steady.newton import Solved, converged, direction, lowered
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.shooting import Shooting, relative
 from vofem.studies.steady.signature import Signature, SignatureEvaluation, States, signature_of
@@ -119,8 +119,7 @@ def polished(now: SignatureEvaluation) -> SignatureEvaluation | None:
         return now.chart.evaluate(now.problem, y, near=near)
 
     try:
-        scales = now.chart.scales(now.problem, now)
-        found = solved(evaluate, now.y, _POLISHED, known=now, step=step, halvings=0, scales=scales)
+        found = converged(evaluate, now.y, _POLISHED, step, now.chart.scales(now.problem, now), known=now)
     except ConvergenceError:
         return None
     evaluation: SignatureEvaluation = found.evaluation.stripped()

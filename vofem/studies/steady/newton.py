@@ -20,10 +20,10 @@ TOLERANCE = 1e-13
 #: A residual that no longer shrinks counts as rounding below what an evaluation calls `solved`, or below this.
 ROUNDING = 1e-9
 
-#: Where the residual does not fall in a whole step, the next step may be at most so much of it.
+#: Largest length of a whole step, in terms of the one before it, where Newton's method converges.
 _SHORTER = 0.5
 
-#: A residual between these may be one that rounding of the unknowns raises, and the next steps may end it.
+#: A residual between these may be raised by rounding of the unknowns, and the next steps may end that.
 _ROUNDED, _CLOSE = 1e-12, 1e-6
 
 
@@ -43,74 +43,93 @@ def solved(
     tolerance: float = TOLERANCE,
     known: Any = None,
     step: Callable[[Array, Any], Array] | None = None,
-    halvings: int = _HALVINGS,
-    scales: Array | float = 1.0,
 ) -> Solved:
     """Return the orbit near a guess by Newton's method; the best one where rounding keeps it from its tolerance.
 
-    Where steps are not halved, one is good if the residual falls, or if the next step is much shorter: Newton's method
-    converges in the unknowns, and a residual, which depends on its scaling, may rise for a step.
+    Steps are halved until the residual falls.
 
     `evaluate`: returns the equations at some unknowns, an evaluation with its Jacobian matrix, or raises
     `ConvergenceError`.
     `tolerance`: error of an evaluation that is small enough.
     `known`: the evaluation at the guess.
     `step`: returns the next step from unknowns and their evaluation; by default that of Newton's method.
-    `halvings`: how often a step may be halved so that the residual falls.
-    `scales` (shape (n,)): sizes of the unknowns.
     Raises `ConvergenceError` if the residual does not vanish. The message gives the least residual.
-    P. Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004 (natural monotonicity).
     """
-    x = np.array(guess, dtype=float)
-    now, why = evaluate(x) if known is None else known, ""
-    best = x, now
-    ahead: Array | None = None
-
-    def good(y: Array, after: Any) -> bool:
-        nonlocal ahead
-        if halvings:
-            return False
-        if now.error > _ROUNDED and after.error <= _CLOSE:
-            return True
-        ahead = step(y, after) if step is not None else direction(after.jacobian, -after.residual)
-        return bool(np.linalg.norm(ahead / scales) <= _SHORTER * np.linalg.norm(move / scales))
-
+    x, why = np.array(guess, dtype=float), ""
+    now = evaluate(x) if known is None else known
     for _ in range(steps):
         if now.error <= tolerance or not np.isfinite(now.error):
             break
-        if ahead is None:
-            ahead = direction(now.jacobian, -now.residual) if step is None else step(x, now)
-        move, ahead = ahead, None
+        move = direction(now.jacobian, -now.residual) if step is None else step(x, now)
         # A part of a step that lowers rounding does so by chance.
-        after, why = lowered(evaluate, x, move, now, halvings if now.error > ROUNDING else 0, good)
+        after, why = lowered(evaluate, x, move, now, _HALVINGS if now.error > ROUNDING else 0)
         if after is None:
             break
         x, now = after
-        best = min(best, after, key=lambda one: one[1].error)
-    x, now = best
+    return _accepted(x, now, why)
+
+
+def converged(
+    evaluate: Callable[[Array], Any],
+    guess: Array,
+    steps: int,
+    step: Callable[[Array, Any], Array],
+    scales: Array,
+    tolerance: float = TOLERANCE,
+    known: Any = None,
+) -> Solved:
+    """Return the orbit near a guess by whole steps of Newton's method; see `solved`.
+
+    A residual depends on how equations are scaled, and where one follows from another through many segments it may rise
+    for a step. Then the next step, which must be shorter, tells that the method converges.
+
+    `scales` (shape (n,)): sizes of the unknowns.
+    P. Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004 (natural monotonicity).
+    """
+    x, why, fell, length = np.array(guess, dtype=float), "", True, np.inf
+    now = evaluate(x) if known is None else known
+    best = x, now
+    for _ in range(steps):
+        if now.error <= tolerance or not np.isfinite(now.error):
+            break
+        move = step(x, now)
+        before, length = length, float(np.linalg.norm(move / scales))
+        if not fell and not length <= _SHORTER * before:
+            why = "its steps do not become shorter"
+            break
+        try:
+            after = evaluate(x + move)
+        except ConvergenceError as failed:
+            why = str(failed)
+            break
+        # Rounding may raise the residual of a solution that is close.
+        lower = (1.0 - _FALLS) * now.error
+        fell = after.error <= (lower if now.error <= _ROUNDED else max(lower, _CLOSE))
+        x, now = x + move, after
+        best = min(best, (x, now), key=lambda one: one[1].error)
+    return _accepted(*best, why)
+
+
+def _accepted(x: Array, now: Any, why: str) -> Solved:
+    """Return a solution, or raise `ConvergenceError` if its residual is more than rounding."""
     if now.error <= getattr(now, "solved", ROUNDING):
         return Solved(x, now)
     raise ConvergenceError(f"Newton's method left a residual of {now.error:.2e} of the motion{why and f': {why}'}")
 
 
 def lowered(
-    evaluate: Callable[[Array], Any], x: Array, move: Array, now: Any, halvings: int,
-    good: Callable[[Array, Any], bool] = lambda _, after: False,
-) -> tuple[tuple[Array, Any] | None, str]:  # fmt: skip
+    evaluate: Callable[[Array], Any], x: Array, move: Array, now: Any, halvings: int
+) -> tuple[tuple[Array, Any] | None, str]:
     """Return unknowns after a step from `now`, or a part of it, that lowers the error, and what is evaluated there.
-
-    `good`: whether a whole step is taken that does not lower it, by the unknowns and what is evaluated there.
 
     None where no part does; the text says what happened then.
     """
     factor, why = 1.0, ""
     for _ in range(1 + halvings):
         try:
-            there = x + factor * move
-            after = evaluate(there)
-            falls = after.error <= (1.0 - _FALLS * factor) * now.error
-            if falls or (factor == 1.0 and np.isfinite(after.error) and good(there, after)):
-                return (there, after), ""
+            after = evaluate(x + factor * move)
+            if after.error <= (1.0 - _FALLS * factor) * now.error:
+                return (x + factor * move, after), ""
         except ConvergenceError as failed:
             why = str(failed)
         factor *= 0.5

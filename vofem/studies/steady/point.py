@@ -9,7 +9,7 @@ import numpy as np
 
 from vofem.arrays import Array
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.newton import direction, solved
+from vofem.studies.steady.newton import converged, direction
 from vofem.studies.steady.orbit import PeriodicOrbit
 
 #: Error of an evaluation at which a point counts as solved; Newton's last step makes it smaller still.
@@ -200,9 +200,7 @@ def corrected(
     """
     normal = level(guess.size) if normal is None else normal
     plane = _OnPlane(family, chart, guess, scales, normal, by_value, near, renewed, loose)
-    found = solved(
-        plane.evaluate, guess, steps - 1, tolerance=tolerance, known=known, step=plane.step, halvings=0, scales=scales
-    )
+    found = converged(plane.evaluate, guess, steps - 1, plane.step, scales, tolerance, known)
     now = found.evaluation
     # What only the correction needs is left behind.
     return found.unknowns, now.stripped() if hasattr(now, "stripped") else now

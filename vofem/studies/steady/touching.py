@@ -35,8 +35,9 @@ _EXACT = 1e-16
 #: are singular at length zero.
 BEYOND, _SEVERAL = 1e-8, 1e-6
 
-#: Longer ones, and the least cosine of the angle between the way to an orbit beside a grazing and its direction.
-_LONGER, _EVENLY = (1e-6, 1e-5), 0.99
+#: Longer ones, and the cosines of the angle between the branch and lengths that grow evenly between which they are
+#: needed: where the branch bends from there to other directions, rounding decides.
+_LONGER, _BENDS = (1e-6, 1e-5), (0.14, 0.995)
 
 #: Steps in scaled coordinates to the first orbit beyond a grazing where forces jump or bodies rebound. Rounding grows
 #: the more the nearer the grazing; the first is taken of which an ordinary run tells that it repeats, or what it lacks.
@@ -635,9 +636,10 @@ def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[i
                 if inner is None:
                     raise
                 break
-            # Where the branch bends, and of several touches, rounding may decide directions and the others' lengths.
-            way = (inner.y - y) / inner.scales
-            if inner.y[lengths].min() > 0.0 and way @ inner.tangent > _EVENLY * np.linalg.norm(way):
+            # Rounding may decide the lengths of several touches too, and how they change.
+            grown = (guess - y) / inner.scales
+            bends = _BENDS[0] < abs(grown @ inner.tangent) / np.linalg.norm(grown) < _BENDS[1]
+            if not bends and inner.y[lengths].min() > 0.0:
                 break
         return inner
     # Elsewhere lengths, speeds and the parameter change together, and the branch has a direction.
