@@ -94,6 +94,27 @@ def test_a_rounded_parameter_does_not_end_a_branch():
     assert max(map(away, branch.orbits[-20:])) <= REPEATS
 
 
+def test_a_symmetric_orbit_touches_both_stops_at_once():
+    """Rounding parts its two halves by 1e-12; with one touch alone the branch would go on as one of other orbits."""
+    case = drawn(149)
+    branch = vf.continuation(case.build, case.stop, case.start, max_points=105)
+    assert "followed for 105 points" in branch.notes[-1]
+    both = [s for s in branch.special if s.kind == "grazing" and s.value == pytest.approx(1014.6913603, abs=1e-6)]
+    assert [s.contact for s in both] == ["one", "two"]
+    orbit = branch.orbits[-1]
+    one, two = (orbit.result.contacts[name].closings for name in ("one", "two"))
+    assert one.size == 3
+    assert np.sort((one + 0.5 * orbit.period) % orbit.period) == pytest.approx(two, abs=1e-6 * orbit.period)
+
+
+def test_a_step_from_a_grazing_does_not_find_it_again():
+    """The contact leaves its gap and comes back within the step; from the grazing the branch would go back."""
+    case = drawn(89)
+    branch = vf.continuation(case.build, case.start, case.stop, max_points=95)
+    assert sum(s.kind == "grazing" and abs(s.value - 307.629964278) < 1e-6 for s in branch.special) == 1
+    assert branch.values[-1] > 307.65
+
+
 def test_orbits_that_no_run_repeats_are_passed_and_left_out():
     """A branch turns at the grazing of a stop whose force jumps, where multipliers grow beyond 1e8."""
     case = drawn(212)

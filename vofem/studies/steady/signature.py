@@ -56,6 +56,9 @@ _LOW = -0.05
 #: Height of an extreme above which others may lie close to it.
 _AT_GAP = -1e-6
 
+#: Least rate between two samples, as a share of the lower one of them, that may be below zero in truth.
+_DOUBT = 0.2
+
 #: The anchor is moved if a switch comes nearer to it than this share of the longest segment.
 _NEAR_ANCHOR = 0.15
 
@@ -220,11 +223,14 @@ class SignatureEvaluation:
         heights = np.maximum(values[j, i], values[j, i + 1]) + 0.25 * (high - low) * rates[j, i] / sizes[j]
         # At a gap finer steps tell extremes that lie close together.
         close = heights > _AT_GAP
-        if close.any():
-            whole = np.zeros_like(turns)
-            for beside in (-1, 0, 1):
-                whole[j[close], (i[close] + beside).clip(0, tau.size - 2)] = True
-            of, at = np.nonzero(whole & inside)
+        doubtful = (values[:, :-1] > _AT_GAP) & inside
+        of, at = np.nonzero(doubtful)
+        ways = sizes[of] * (values[of, at + 1] - values[of, at])
+        doubtful[of, at] = _turn_twice(rates[of, at], rates[of, at + 1], ways, tau[at + 1] - tau[at])
+        for beside in (-1, 0, 1):
+            doubtful[j[close], (i[close] + beside).clip(0, tau.size - 2)] = True
+        of, at = np.nonzero(doubtful & inside)
+        if of.size:
             finer = tau[at, None] + np.diff(tau)[at, None] * np.linspace(0.0, 1.0, _FINER + 1)
             every, times = np.repeat([of, at], _FINER + 1, axis=1), finer.ravel()
             signed = signs[*every] * path.rows(rows, segments[every[1]])(times)[1][every[0], np.arange(times.size)]
@@ -861,6 +867,20 @@ def _samples(segments: Integers, edges: Sequence[Array], counts: Sequence[Intege
     number = np.arange(each.sum()) - np.repeat(np.cumsum(each) - each.ravel(), each.ravel())
     tau = np.repeat(low.ravel(), each.ravel()) + np.repeat(steps.ravel(), each.ravel()) * number
     return np.repeat(segments, each.sum(axis=1)), tau
+
+
+def _turn_twice(first: Array, last: Array, ways: Array, steps: Array) -> NDArray[np.bool_]:
+    """Return between which samples rates of one sign may change it twice, shape (k,). They follow parabolas, roughly.
+
+    `ways`, `steps` (shape (k,)): what is passed between the samples, and the times that this takes.
+    """
+    with np.errstate(all="ignore"):
+        bend = 3.0 * (first + last) - 6.0 * ways / steps
+        slope = last - first - bend
+        place = -0.5 * slope / bend
+        least = (first + 0.5 * slope * place) * np.sign(first)
+        same = np.sign(first) == np.sign(last)
+        return same & (place > 0.0) & (place < 1.0) & (least < _DOUBT * np.minimum(np.abs(first), np.abs(last)))
 
 
 def _turned(rows: Callable[[Array], tuple[Array, Array]], of: Integers, low: Array, high: Array) -> tuple[Array, Array]:
