@@ -1,6 +1,8 @@
 """Some scenes of the population whose branches are quick: they arrive, repeat, and list the same points both ways."""
 
+import json
 import re
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -105,6 +107,19 @@ def test_a_symmetric_orbit_touches_both_stops_at_once():
     one, two = (orbit.result.contacts[name].closings for name in ("one", "two"))
     assert one.size == 3
     assert np.sort((one + 0.5 * orbit.period) % orbit.period) == pytest.approx(two, abs=1e-6 * orbit.period)
+
+
+def test_a_branch_bends_beside_a_grazing():
+    """Touches of 1e-7 rad decide there whether the length or the parameter grows, and this is less than rounding."""
+    case = drawn(167)
+    known = json.loads((Path(__file__).parent / "data/orbits/stiff_cantilever.json").read_text())
+    guess = SimpleNamespace(state_of=lambda _: (np.array(known["displacement"]), np.array(known["velocity"])))
+    branch = vf.continuation(case.build, known["value"], known["value"] - 0.01, guess=guess, max_points=28)
+    found = [s.value for s in branch.special if s.kind == "grazing"]
+    assert found == pytest.approx([263.73025888, 263.728734106], abs=1e-7)
+    assert "followed for 28 points" in branch.notes[-1]
+    assert branch.values[-1] < 263.7286
+    assert max(map(away, branch.orbits[-4:])) <= REPEATS
 
 
 def test_a_step_from_a_grazing_does_not_find_it_again():

@@ -231,7 +231,7 @@ class SignatureEvaluation:
             doubtful[j[close], (i[close] + beside).clip(0, tau.size - 2)] = True
         of, at = np.nonzero(doubtful & inside)
         if of.size:
-            finer = tau[at, None] + np.diff(tau)[at, None] * np.linspace(0.0, 1.0, _FINER + 1)
+            finer = np.linspace(tau[at], tau[at + 1], _FINER + 1, axis=1)
             every, times = np.repeat([of, at], _FINER + 1, axis=1), finer.ravel()
             signed = signs[*every] * path.rows(rows, segments[every[1]])(times)[1][every[0], np.arange(times.size)]
             signed = signed.reshape(finer.shape)

@@ -37,7 +37,7 @@ BEYOND, _SEVERAL = 1e-8, 1e-6
 
 #: Longer ones, and the cosines of the angle between the branch and lengths that grow evenly between which they are
 #: needed: where the branch bends from there to other directions, rounding decides.
-_LONGER, _BENDS = (1e-6, 1e-5), (0.14, 0.995)
+_LONGER, _BENDS = (1e-6, 1e-5), (0.14, 0.99999)
 
 #: Steps in scaled coordinates to the first orbit beyond a grazing where forces jump or bodies rebound. Rounding grows
 #: the more the nearer the grazing; the first is taken of which an ordinary run tells that it repeats, or what it lacks.
