@@ -623,7 +623,7 @@ def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[i
     if not laws & {"impact", "jump"}:
         # Where forces are smooth, the parameter changes as squared lengths, or as those of sticks.
         inner: Point | None = None
-        for length in (_SEVERAL if sum(count for _, count in places) > 1 else BEYOND, *_LONGER):
+        for length in sorted({_SEVERAL if sum(count for _, count in places) > 1 else BEYOND, *_LONGER}):
             guess = y.copy()
             for k, count in places:
                 guess[n + k] = length
