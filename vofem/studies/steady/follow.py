@@ -19,14 +19,7 @@ from vofem.studies.steady.branch import BranchCounters
 from vofem.studies.steady.crossings import SHORTER, crossings
 from vofem.studies.steady.family import Family, Interval
 from vofem.studies.steady.near import signature_at
-from vofem.studies.steady.point import (
-    ORIGIN,
-    Point,
-    corrected,
-    level,
-    point_at,
-    scales_of,
-)
+from vofem.studies.steady.point import ORIGIN, Point, corrected, level, point_at, scales_of
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.signature import Signature
 from vofem.studies.steady.special import SpecialPoint, special_at

@@ -231,14 +231,11 @@ class SignatureEvaluation:
             doubtful[j[close], (i[close] + beside).clip(0, tau.size - 2)] = True
         of, at = np.nonzero(doubtful & inside)
         if of.size:
-            finer = np.linspace(tau[at], tau[at + 1], _FINER + 1, axis=1)
-            every, times = np.repeat([of, at], _FINER + 1, axis=1), finer.ravel()
-            signed = signs[*every] * path.rows(rows, segments[every[1]])(times)[1][every[0], np.arange(times.size)]
-            signed = signed.reshape(finer.shape)
-            k, step = np.nonzero((signed[:, :-1] > 0.0) & (signed[:, 1:] <= 0.0))
+            finer = path.rows(rows, np.repeat(segments[at], _FINER + 1))
+            k, begin, end = _finer_turns(finer, of, signs[of, at], tau[at], tau[at + 1])
             j, i = np.append(j[~close], of[k]), np.append(i[~close], at[k])
-            low, high = np.append(low[~close], finer[k, step]), np.append(high[~close], finer[k, step + 1])
-            places, heights = np.append(places[~close], finer[k, step]), np.append(heights[~close], np.zeros(k.size))
+            low, high = np.append(low[~close], begin), np.append(high[~close], end)
+            places, heights = np.append(places[~close], begin), np.append(heights[~close], np.zeros(k.size))
         near = heights > _LOW
         of, where = j[near], i[near]
         places[near], there = _turned(path.rows(rows, segments[where]), of, low[near], high[near])
@@ -881,6 +878,20 @@ def _turn_twice(first: Array, last: Array, ways: Array, steps: Array) -> NDArray
         least = (first + 0.5 * slope * place) * np.sign(first)
         same = np.sign(first) == np.sign(last)
         return same & (place > 0.0) & (place < 1.0) & (least < _DOUBT * np.minimum(np.abs(first), np.abs(last)))
+
+
+def _finer_turns(
+    rows: Callable[[Array], tuple[Array, Array]], of: Integers, signs: Array, low: Array, high: Array
+) -> tuple[Integers, Array, Array]:
+    """Return the numbers of brackets, shape (k,), in which finer steps find maxima, and a bracket of each, (m,) all.
+
+    `rows`: see `Path.rows`, at `_FINER + 1` times in each bracket; `of` is the row of each, and `signs` its sign.
+    """
+    times = np.linspace(low, high, _FINER + 1, axis=1)
+    rates = rows(times.ravel())[1][np.repeat(of, _FINER + 1), np.arange(times.size)]
+    rates = signs[:, None] * rates.reshape(times.shape)
+    k, step = np.nonzero((rates[:, :-1] > 0.0) & (rates[:, 1:] <= 0.0))
+    return k, times[k, step], times[k, step + 1]
 
 
 def _turned(rows: Callable[[Array], tuple[Array, Array]], of: Integers, low: Array, high: Array) -> tuple[Array, Array]:
