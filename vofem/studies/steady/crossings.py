@@ -49,11 +49,14 @@ SHORTER = "shorter"
 #: A share of a step and the value of a test there.
 _Place = tuple[float, float]
 
-#: Evaluations of a test function in the search for its root, and the share of the step to which it is found.
+#: Evaluations of a test function in the search for its root, and how near it is found, in scaled coordinates.
 _TRIES, _FINE = 60, 1e-12
 
-#: Distance of two places, as a share of the step, between which the values of a test may differ by rounding alone.
-_ROUGH = 1e-9
+#: Shares of a step that a bracket and a move in it have at most where values fall quickly, and to what they fall.
+_NARROWED, _MOVED, _FALLS = 1e-2, 1e-4, 0.1
+
+#: Distance in scaled coordinates from a root at which the sign on its other side is looked for at first.
+_OTHER = 1e-11
 
 #: Evaluations in which a bracket becomes half as long, and how much longer steps become where it does not.
 _SLOW, _FARTHER = 3, 10.0
@@ -61,9 +64,11 @@ _SLOW, _FARTHER = 3, 10.0
 #: Largest portion of a bracket that is gone at once.
 _MOST = 0.999
 
-#: Values of a test that are zero, in terms of the larger one at the ends, and the share of the step in which a value
-#: shows a jump that stays so large.
-_ZERO, _JUMP, _STAYS = 1e-14, 1e-4, 0.1
+#: The share of the step in which a value shows a jump that stays so large.
+_JUMP, _STAYS = 1e-4, 0.1
+
+#: Distance of a special point from an end of a part, as a share of it, up to which it is that end.
+_AT_END = 1e-9
 
 #: A sign change counts as a root where the function is smaller there than this share of its ends: no pole, no jump.
 _VANISHES = 1e-3
@@ -197,7 +202,7 @@ def _sides(low: _End, high: _End, found: list[SpecialPoint]) -> Iterator[_End]:
     """
     size, turned = high.place - low.place, low.heading * high.heading < 0.0
     for one in found:
-        if not low.place + _ROUGH * size < one.place < high.place - _ROUGH * size:
+        if not low.place + _AT_END * size < one.place < high.place - _AT_END * size:
             continue
         end = replace(_end(one.point, one.place), kind=one.kind)
         passes = not (turned and one.kind == "branch_point")
@@ -336,6 +341,10 @@ def _located(family: Family, step: Step, kind: str, test: Test, change: int) -> 
     """Return the places at which multipliers pass the unit circle, one for each of them."""
     tests = [test]
     if abs(change) > 1:
+        # Of a pair that becomes real beyond the circle, no multiplier passes it.
+        begins = logarithms(step.first)
+        if np.sum(begins.real * matched(begins, logarithms(step.last)).real < 0.0) < abs(change):
+            return []
         begin = census(step.first)
         assert begin is not None
         passed = np.sign(change) * (np.arange(abs(change)) + 0.5)
@@ -371,7 +380,8 @@ def _at_turn(family: Family, step: Step, passed: bool) -> list[SpecialPoint]:
     kind = "fold"  # There may be a branch point apart from it in the same step.
     with contextlib.suppress(ConvergenceError):
         # Very close to a branch point the determinant is rounding.
-        near = share - min(_BESIDE, 0.5 * share), share + min(_BESIDE, 0.5 * (1.0 - share))
+        far = max(_BESIDE, _SINGULAR / step.length)
+        near = share - min(far, 0.5 * share), share + min(far, 0.5 * (1.0 - share))
         low, high = (orientation(point_between(family, step, one)) for one in near)
         if low == high:
             kind, point = "branch_point", _along(step, _exact(family, point), share)
@@ -407,17 +417,16 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
         return None
     if not np.all(np.isfinite(ends)) or ends[0] * ends[1] > 0.0:
         return None
-    largest = max(map(abs, ends))
-    zero = _ZERO * min(1.0, largest)
+    largest, fine, aside = max(map(abs, ends)), _FINE / step.length, _OTHER / step.length
     known: dict[float, Point] = {}
     # The newest place, the one on the other side of the root, and the one that was left out last, with their values.
     a, b, c = (0.0, ends[0]), (1.0, ends[1]), None
-    settled, width, widths = False, 1.0, [4.0] * _SLOW
+    settled, widths = False, [4.0] * _SLOW
     try:
         for _ in range(_TRIES):
             width = abs(b[0] - a[0])
             jump = width <= _JUMP and min(abs(a[1]), abs(b[1])) > _STAYS * largest
-            if width <= _FINE or jump or (settled and width <= _ROUGH):
+            if jump or width <= (aside if settled else fine):
                 break
             # Between values of very different sizes interpolation moves one end alone.
             slow, widths = width > 0.5 * widths[0], [*widths[1:], width]
@@ -425,25 +434,27 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
             if slow and c is not None:
                 moved = min(moved, _FARTHER * abs(a[0] - c[0]))
             # A test that only touches zero beside its root is found out by a value on the other side.
-            beside = a[0] in known and (settled or moved <= _FINE)
-            share = a[0] + (min(_ROUGH, 0.5 * width) if beside else moved) * np.sign(b[0] - a[0])
+            beside = a[0] in known and (settled or moved <= fine)
+            if beside:
+                moved, aside = min(aside, 0.5 * width), _FARTHER * aside
+            share = a[0] + moved * np.sign(b[0] - a[0])
             known[share] = point_between(family, step, share, known, tangent=test is turning)
-            value = test(known[share])
-            rounding = moved <= _ROUGH and abs(value) >= abs(a[1])
+            value, before = test(known[share]), a
             if (value > 0.0) == (a[1] > 0.0):
                 a, c = (share, value), a
-                settled = not beside and (rounding or abs(value) <= zero)
             else:
                 a, b, c = (share, value), a, b
-                settled = beside or rounding or abs(value) <= zero
-            if beside and abs(value) <= zero:
-                break
+                if beside:
+                    break
+            # Near a root values fall quickly, and where they no longer do they are rounding.
+            small = width <= _NARROWED and moved <= _MOVED and abs(value) > _FALLS * abs(before[1])
+            settled = value == 0.0 or (abs(value) <= abs(before[1]) / _FALLS if beside else small)
     except ConvergenceError:
         # At a branch point the equations are singular; an orbit beside it is better than none.
         pass
     found = [(abs(value), float(share)) for share, value in (a, b) if share in known]
     value, share = min(found, default=(np.inf, 0.0))
-    if value > _VANISHES * largest or width > _BESIDE:
+    if value > _VANISHES * largest or abs(b[0] - a[0]) > _BESIDE:
         return None
     at = known[share]
     if test is not turning:

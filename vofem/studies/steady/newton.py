@@ -26,6 +26,9 @@ _SHORTER = 0.5
 #: A residual between these may be raised by rounding of the unknowns, and the next steps may end that.
 _ROUNDED, _CLOSE = 1e-12, 1e-6
 
+#: Length of a whole step, over the sizes of the unknowns, after which only rounding is left.
+_LAST = 1e-9
+
 
 @dataclass(frozen=True)
 class Solved:
@@ -81,7 +84,8 @@ def converged(
     """Return the orbit near a guess by whole steps of Newton's method; see `solved`.
 
     A residual depends on how equations are scaled, and where one follows from another through many segments it may rise
-    for a step. Then the next step, which must be shorter, tells that the method converges.
+    for a step. Then the next step, which must be shorter, tells that the method converges. It has where a step was so
+    short that the next one would be rounding.
 
     `scales` (shape (n,)): sizes of the unknowns.
     P. Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004 (natural monotonicity).
@@ -90,7 +94,8 @@ def converged(
     now = evaluate(x) if known is None else known
     best = x, now
     for _ in range(steps):
-        if now.error <= tolerance or not np.isfinite(now.error):
+        done = now.error <= tolerance or (length <= _LAST and now.error <= _rounding(now))
+        if done or not np.isfinite(now.error):
             break
         move = step(x, now)
         before, length = length, float(np.linalg.norm(move / scales))
@@ -110,9 +115,14 @@ def converged(
     return _accepted(*best, why)
 
 
+def _rounding(now: Any) -> float:
+    """Return the residual of an evaluation that may be rounding."""
+    return float(getattr(now, "solved", ROUNDING))
+
+
 def _accepted(x: Array, now: Any, why: str) -> Solved:
     """Return a solution, or raise `ConvergenceError` if its residual is more than rounding."""
-    if now.error <= getattr(now, "solved", ROUNDING):
+    if now.error <= _rounding(now):
         return Solved(x, now)
     raise ConvergenceError(f"Newton's method left a residual of {now.error:.2e} of the motion{why and f': {why}'}")
 
