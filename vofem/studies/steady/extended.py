@@ -112,6 +112,9 @@ class Extended:
     `held`: number of the switch that ends the touch of length zero of a grazing.
     """
 
+    #: Second differences need states that follow from the anchor.
+    lifted = False
+
     def __init__(self, inner: Any, family: Family, kind: str, size: float, held: int = -1) -> None:
         self.inner, self.family, self.kind, self.size, self.held = inner, family, kind, size, held
         #: Number of coordinates beyond those of the orbit.
@@ -132,7 +135,7 @@ class Extended:
     def evaluate(self, problem: Any, y: Array, *, derivative: bool = True, near: Any = None) -> ExtendedEvaluation:
         """Return the equations at the orbit's coordinates, theta or s, and `value`, shape (m,).
 
-        `near` is for coordinates with segments. Second differences need states that follow from the anchor.
+        `near` is for coordinates whose states are unknowns too.
         """
         m = y.size - self.more
         now = self.inner.evaluate(problem, y[:m])

@@ -188,9 +188,8 @@ class Follower:
     def _advanced(self, now: Point, step: float) -> tuple[Point, float] | None:
         """Return the next point and step, or None where the step was too long."""
         chart = now.chart
-        guess = self._predicted(now, step)
         try:
-            y, evaluation = self._corrected(now, guess, step)
+            y, evaluation = self._corrected(now, step)
             after = self._accepted(now, y, evaluation, step)
             if after is None:
                 return self._ending(now, step)
@@ -285,33 +284,28 @@ class Follower:
         return point_at(self.family, chart, y, towards / scales, evaluation)
 
     def _earlier(self, now: Point) -> tuple[Array, Array, float] | None:
-        """Return the point before the last one, its tangent, both in scaled coordinates, and its distance."""
+        """Return the point before the last one as `Point.along` does in the scale of the last, and its distance."""
         before = self.steps[-1] if self.steps else None
         if before is None or before.last is not now:
             return None
-        place = before.first.y / now.scales
-        tangent = before.first.tangent * before.first.scales / now.scales
-        length = float(np.linalg.norm(now.y / now.scales - place))
-        return (place, tangent / np.linalg.norm(tangent), length) if length > 0.0 else None
+        length = float(np.linalg.norm((now.y - before.first.y) / now.scales))
+        return (*before.first.along(now.scales), length) if length > 0.0 else None
 
-    def _predicted(self, now: Point, step: float) -> Array:
-        """Return the next point: on the cubic through the last two points with their tangents, or on the tangent."""
-        earlier, here = self._earlier(now), now.y / now.scales
-        if earlier is None:
-            return (here + step * now.tangent) * now.scales
-        place, tangent, length = earlier
-        known = [-length, -length, 0.0, 0.0], [place, place, here, here], [tangent, now.tangent]
-        return interpolated(*known, step) * now.scales
-
-    def _corrected(self, now: Point, guess: Array, step: float) -> tuple[Array, Any]:
-        """Return the orbit near a guess."""
-        # A problem at a known value costs nothing, so the value is held where no fold is near.
-        slope, earlier, bend = now.tangent[-1], self._earlier(now), 0.0
+    def _corrected(self, now: Point, step: float) -> tuple[Array, Any]:
+        """Return the orbit at a step: near the cubic through the last two points with their tangents, or the tangent."""
+        here, along = now.along(now.scales)
+        slope, bend, earlier = now.tangent[-1], 0.0, self._earlier(now)
+        ahead = here + step * along
         if earlier is not None:
-            bend = (slope - earlier[1][-1]) / earlier[2]
+            place, tangent, length = earlier
+            bend = (slope - tangent[now.y.size - 1]) / length
+            if place.size == here.size:
+                known = [-length, -length, 0.0, 0.0], [place, place, here, here], [tangent, along]
+                ahead = interpolated(*known, step)
+        guess, near = now.near(ahead, now.scales)
+        # A problem at a known value costs nothing, so the value is held where no fold is near.
         held = isinstance(now.chart, Signature) and abs(slope) > max(_FOLD * step * abs(bend), _LEVEL)
         normal = level(guess.size, np.sign(slope)) if held else now.tangent
-        near = now.evaluation
         return corrected(self.family, now.chart, guess, now.scales, normal, now.by_value, renewed=True, near=near)
 
     def _accepted(self, now: Point, y: Array, evaluation: Any, step: float) -> Point | None:

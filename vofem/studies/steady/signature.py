@@ -110,14 +110,10 @@ class Extreme(NamedTuple):
 
 
 class States(NamedTuple):
-    """Where segments begin: coordinates of a signature, shape (m,), and the states there in unknowns, (k + 1, 2n).
-
-    `moved` (shape (m,)): the way from there to coordinates that are asked for. It has more digits than a difference.
-    """
+    """Where segments begin: coordinates of a signature, shape (m,), and the states there in unknowns, (k + 1, 2n)."""
 
     y: Array
     states: Array
-    moved: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -135,16 +131,23 @@ class SignatureEvaluation:
 
     #: An error that may be rounding.
     solved: ClassVar[float] = 1e-10
-    moved: ClassVar[None] = None
 
     @property
     def states(self) -> Array:
         """The states in unknowns in which the segments begin, shape (k + 1, 2n)."""
         return self.problem.unmodal(self.path.begins.T).T
 
-    def before(self, moved: Array) -> States:
-        """Return where segments begin for coordinates from which those here are a step away, shape (m,)."""
-        return States(self.y, self.states, moved)
+    def after(self, moved: Array, more: Array | None = None) -> States:
+        """Return where segments begin, to first order, after a step of the coordinates, shape (m,).
+
+        The columns of the segments must be known, or at least what is missed where they begin.
+        `more`: what is added to the states.
+        """
+        along, count = np.append(moved, 1.0), self.path.columns.shape[1]
+        begins = self.chart.begins(self.path, along[-1:] if count == 1 else along[:count])
+        begins[0] = self.problem.modal(self.y[: self.problem.size] + moved[: self.problem.size])
+        states = self.problem.unmodal(begins.T).T
+        return States(self.y + moved, states if more is None or not more.size else states + more.reshape(states.shape))
 
     @cached_property
     def closing(self) -> float:
@@ -364,8 +367,9 @@ class Signature:
     anchor: float  #: Phase of the loads in rad at which the state is an unknown.
     periods: int  #: Periods of the loads after which orbits repeat.
 
-    #: Orbits are divided into segments, whose switches are watched.
+    #: Orbits are divided into segments, whose switches are watched, and which begin in states that are unknowns too.
     segmented: ClassVar[bool] = True
+    lifted: ClassVar[bool] = True
 
     @property
     def turn(self) -> float:
@@ -438,7 +442,7 @@ class Signature:
         problem.work.flows += derivative
         path = problem.course.along(
             self.anchor / omega, problem.modal(y[:n]), self.statuses, lengths / omega, columns, lengthen,
-            struck=self.struck, every=(derivative or lifted) and self._releases, given=given,
+            struck=self.struck, every=derivative or lifted, given=given,
         )  # fmt: skip
         residual, jacobian = np.empty(n + k), np.empty((m, m))
         residual[:n] = closing = problem.unmodal(path.ends[-1]) - y[:n]
@@ -461,7 +465,7 @@ class Signature:
     def _begins(self, problem: Shooting, y: Array, near: SignatureEvaluation | States) -> Array:
         """Return modal states in which segments begin, shape (k + 1, 2n), from those at coordinates nearby."""
         begins, omega = problem.modal(near.states.T).T, problem.loads.omega
-        moved = y - near.y if near.moved is None else near.moved
+        moved = y - near.y
         if not moved.any():
             return begins
         path = problem.course.along(
@@ -469,11 +473,16 @@ class Signature:
             problem.modal(moved[: problem.size])[:, None], self.rates(np.append(moved, 0.0))[:, None] / omega,
             struck=self.struck, every=True, given=begins,
         )  # fmt: skip
-        after, n, rows = path.ends + path.all_columns[:, :, 0], problem.size // 2, problem.space.contacts
+        return self.begins(path, np.ones(1))
+
+    def begins(self, path: Path, along: Array) -> Array:
+        """Return modal states (k + 1, 2n) in which segments begin, to first order, after steps along columns."""
+        ends, course = path.ends + path.all_columns @ along if along.size else path.ends.copy(), path.course
+        n, rows = ends.shape[1] // 2, course.space.contacts
         for index, stop in enumerate(self.struck):
             if stop >= 0:
-                after[index, n:] -= problem.course.kick[stop] * (rows[stop] @ after[index, n:]) * rows[stop]
-        return np.concatenate([begins[:1], after[:-1]])
+                ends[index, n:] -= course.kick[stop] * (rows[stop] @ ends[index, n:]) * rows[stop]
+        return np.concatenate([path.begins[:1], ends[:-1]])
 
     def smooth(self, problem: Shooting) -> bool:
         """Return whether the motion has a continuous derivative through all switches."""

@@ -327,7 +327,7 @@ def resting(family: Family, now: Point, guess: Array) -> Passage | None:
     along = float(ahead @ beyond) / float(np.linalg.norm(ahead) * np.linalg.norm(beyond))
     if np.linalg.norm(away - own) > _RESTS or abs(along) < _STRAIGHT:
         return None
-    return Passage(now, inner, inner if along > 0.0 else replace(inner, tangent=-inner.tangent), ())
+    return Passage(now, inner, inner if along > 0.0 else inner.turned(), ())
 
 
 # -- what is watched ----------------------------------------------------------------------------------
@@ -466,12 +466,12 @@ def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple
     inner = _beyond(family, old, zero, places, near.evaluation)
     if inner is None:
         raise ConvergenceError("what ends at a grazing does not do so in one direction of the branch")
-    before, values = replace(inner, tangent=-inner.tangent), _watched(now)
+    before, values = inner.turned(), _watched(now)
     nearer = _watched(before)
     if any(not 0.0 < nearer[pair][0] < values[pair][0] for pair in pairs):
         before = now
     if _opposed(family, before, outer, ended[0]):
-        outer = replace(outer, tangent=-outer.tangent)
+        outer = outer.turned()
     others = [mark for mark in every if mark not in ended]
     laws = {_law(now.problem, mark.contact) for mark in others}
     beyond: Point | None = outer
@@ -653,7 +653,7 @@ def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[i
 
     rates = np.append((at.tangent * at.scales)[lengths], _slope(family, at, speeds) if hits else [])
     if rates.max() < 0.0:
-        at, rates = replace(at, tangent=-at.tangent), -rates
+        at, rates = at.turned(), -rates
     if not rates.min() > 0.0:
         return None
     for step in _NEAREST:
@@ -741,7 +741,8 @@ def _slope(family: Family, point: Point, values: Callable[[Any, Any, Array], Any
     """Return the derivatives of values of problem, evaluation and coordinates along a branch, in scaled coordinates."""
     y = point.y + _DIFFERENCE * point.tangent * point.scales
     problem = family.of(y)
-    evaluation = point.chart.evaluate(problem, y[:-1], derivative=False, near=point.evaluation)
+    near = States(y[:-1], point.evaluation.states + _DIFFERENCE * point.moving.reshape(point.evaluation.states.shape))
+    evaluation = point.chart.evaluate(problem, y[:-1], derivative=False, near=near)
     moved = values(problem, evaluation, y[:-1])
     return (np.asarray(moved) - values(point.problem, point.evaluation, point.y[:-1])) / _DIFFERENCE
 
@@ -801,7 +802,7 @@ def _between(now: Point, after: Point, y: Array) -> None:
 
 def _along(now: Point, point: Point) -> Point:
     """Return a point with its tangent in the direction of a step."""
-    return point if point.tangent @ now.tangent >= 0.0 else replace(point, tangent=-point.tangent)
+    return point if point.tangent @ now.tangent >= 0.0 else point.turned()
 
 
 def _with_length(
