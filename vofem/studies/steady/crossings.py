@@ -382,7 +382,7 @@ def _at_turn(family: Family, step: Step, passed: bool) -> list[SpecialPoint]:
     kind = "fold"  # There may be a branch point apart from it in the same step.
     with contextlib.suppress(ConvergenceError):
         # Very close to a branch point the determinant is rounding.
-        far = max(_BESIDE, _SINGULAR / step.length)
+        far = _BESIDE
         near = share - min(far, 0.5 * share), share + min(far, 0.5 * (1.0 - share))
         low, high = (orientation(point_between(family, step, one)) for one in near)
         if low == high:

@@ -237,9 +237,17 @@ class Follower:
 
     @staticmethod
     def _before(now: Point, passed: Passage) -> tuple[float, bool]:
-        """Return how far ahead a change of the signature lies, and whether the branch turns too far up to there."""
+        """Return how far ahead a change of the signature lies, and whether the branch turns too far up to there.
+
+        Lengths of touches change ever more quickly towards a grazing; states and the parameter do so at a fold only.
+        Where forces are smooth, the direction outside of a grazing tells of a fold that is too close to it to be seen.
+        """
         left = float(np.linalg.norm((passed.before.y - now.y) / now.scales))
-        return left, left > _SHORT and bool(now.tangent @ passed.before.tangent < _REFUSED)
+        own = [*range(now.problem.size), -1]
+        here, there = ((one.tangent * one.scales / now.scales)[own] for one in (now, passed.before))
+        rate = passed.at.tangent[-1] if now.chart.smooth(now.problem) else there[-1]
+        turns = here[-1] * rate < 0.0 or here @ there < _REFUSED * np.linalg.norm(here) * np.linalg.norm(there)
+        return left, left > _SHORT and bool(turns)
 
     def _passed(self, now: Point, passed: Passage, step: float) -> tuple[Point, float] | None:
         """Continue beyond a change of the signature."""
@@ -292,7 +300,7 @@ class Follower:
         return (*before.first.along(now.scales), length) if length > 0.0 else None
 
     def _corrected(self, now: Point, step: float) -> tuple[Array, Any]:
-        """Return the orbit at a step: near the cubic through the last two points with their tangents, or the tangent."""
+        """Return the orbit a step ahead, near the cubic through the last two points with tangents, or near the tangent."""
         here, along = now.along(now.scales)
         slope, bend, earlier = now.tangent[-1], 0.0, self._earlier(now)
         ahead = here + step * along

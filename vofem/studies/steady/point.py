@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -79,6 +79,8 @@ class Point:
         Direction of the branch in scaled coordinates, of length 1.
     moving : ndarray, shape (m,)
         Derivatives of `states` in this direction; nothing where they are not known.
+    leaving : dict of Extreme to float
+        Rates at which extremes of gap functions leave their gaps in this direction, as far as they were asked for.
     """
 
     chart: Any
@@ -89,6 +91,7 @@ class Point:
     by_value: Array
     tangent: Array
     moving: Array
+    leaving: dict[Any, float] = field(default_factory=dict)
 
     @property
     def value(self) -> float:
@@ -102,7 +105,7 @@ class Point:
 
     def turned(self) -> Point:
         """Return the point with the opposite direction."""
-        return replace(self, tangent=-self.tangent, moving=-self.moving)
+        return replace(self, tangent=-self.tangent, moving=-self.moving, leaving={})
 
     def along(self, scales: Array) -> tuple[Array, Array]:
         """Return coordinates in a scale (n + 1,), with `states`, and their derivatives along the branch, (n + 1 + m,).

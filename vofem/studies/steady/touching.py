@@ -238,10 +238,12 @@ def _extremes_along(
     for k, point in enumerate(ends):
         mine = [(number, pair[k]) for number, pair in enumerate(pairs)]
         known = {number: e for number, e in mine if e is not None}
-        if known:
-            away = _away_along(family, point, [Mark(e.contact, e.phase) for e in known.values()])
-            sizes = point.evaluation.size_of([e.contact for e in known.values()])
-            found[:, k, list(known)] = [e.height for e in known.values()], along[k] * away / sizes
+        new = [e for e in known.values() if e not in point.leaving]
+        if new:
+            away = _away_along(family, point, [Mark(e.contact, e.phase) for e in new])
+            point.leaving.update(zip(new, away / point.evaluation.size_of([e.contact for e in new]), strict=True))
+        for number, e in known.items():
+            found[:, k, number] = e.height, along[k] * point.leaving[e]
     return found[0], found[1]
 
 
