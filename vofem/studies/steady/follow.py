@@ -300,7 +300,7 @@ class Follower:
         return (*before.first.along(now.scales), length) if length > 0.0 else None
 
     def _corrected(self, now: Point, step: float) -> tuple[Array, Any]:
-        """Return the orbit a step ahead, near the cubic through the last two points with tangents, or near the tangent."""
+        """Return the orbit a step ahead, near the cubic through the last two points with tangents, or the tangent."""
         here, along = now.along(now.scales)
         slope, bend, earlier = now.tangent[-1], 0.0, self._earlier(now)
         ahead = here + step * along
