@@ -83,7 +83,7 @@ def point_between(
 
     They are given by their shares.
     """
-    first, last, scales, n = step.first, step.last, step.first.scales, step.first.y.size
+    first, last, scales = step.first, step.last, step.first.scales
     normal = step.secant / step.length
     # Hermite's polynomial through both points with their tangents, and through the nearest of the other known ones.
     near: list[float] = []
@@ -93,26 +93,24 @@ def point_between(
             near.append(other)
     near = near[:_NEAREST]
     places = [0.0, 0.0, 1.0, 1.0, *near]
-    found = [point.along(scales) for point in (first, last, *(known[other] for other in near))]
-    size = min(values.size for values, _ in found)
-    low, high, *others = (values[:size] for values, _ in found)
-    slopes = [slope[:size] * step.length / max(float(slope[:n] @ normal), 0.1) for _, slope in found[:2]]
-    guess = interpolated(places, [low, low, high, high, *others], slopes, share)
+    values = [point.y / scales for point in (first, first, last, last, *(known[other] for other in near))]
+    slopes = [point.tangent * point.scales / scales for point in (first, last)]
+    slopes = [slope * step.length / max(float(slope @ normal), 0.1) for slope in slopes]
+    guess = interpolated(places, values, slopes, share)
     if step.steady:
         # A problem at a known value costs nothing, so the guess's value is held.
-        plane = level(n)
+        plane = level(guess.size)
     else:
         # The orbit is found on the plane at this share.
         plane = normal
-        guess = guess + (high - low) * (share - float(normal @ (guess - low)[:n]) / step.length)
-    both = min(first.by_value.size, last.by_value.size)
-    by_value = (1.0 - share) * first.by_value[:both] + share * last.by_value[:both]
+        guess = guess + normal * (normal @ (values[0] + share * step.secant - guess))
+    by_value = (1.0 - share) * first.by_value + share * last.by_value
     every = {0.0: first, 1.0: last, **known}
     nearest = every[min(every, key=lambda one: abs(one - share))]
-    y, begins = nearest.near(guess, scales)
     y, evaluation = corrected(
-        family, first.chart, y, scales, plane, by_value, tolerance=tolerance, renewed=True, near=begins
+        family, first.chart, guess * scales, scales, plane, by_value, tolerance=tolerance, renewed=True,
+        near=nearest.evaluation,
     )  # fmt: skip
     if tangent:
         return point_at(family, first.chart, y, normal, evaluation, scales=scales)
-    return Point(first.chart, y, family.of(y), evaluation, scales, by_value, first.tangent, first.moving)
+    return Point(first.chart, y, family.of(y), evaluation, scales, by_value, first.tangent)

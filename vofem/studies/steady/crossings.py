@@ -39,7 +39,7 @@ from vofem.studies.steady.census import (
 )
 from vofem.studies.steady.extended import Extended
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.point import Point, derivative_by_value, point_at, stripped
+from vofem.studies.steady.point import Point, derivative_by_value, point_at
 from vofem.studies.steady.shorter import at_flip, repeats
 from vofem.studies.steady.special import SpecialPoint, special_at
 
@@ -360,11 +360,9 @@ def _along(step: Step, point: Point, share: float) -> Point:
 
     Orbits beside it are then not sought along the other branch.
     """
-    n, (begin, end) = point.y.size, (one.along(point.scales)[1] for one in (step.first, step.last))
-    size = min(begin.size, end.size)
-    mean = (1.0 - share) * begin[:size] + share * end[:size]
-    mean /= np.linalg.norm(mean[:n])
-    return replace(point, tangent=mean[:n], moving=mean[n:])
+    ends = [end.tangent * end.scales / point.scales for end in (step.first, step.last)]
+    mean = (1.0 - share) * ends[0] + share * ends[1]
+    return replace(point, tangent=mean / np.linalg.norm(mean))
 
 
 def _at_turn(family: Family, step: Step, passed: bool) -> list[SpecialPoint]:
@@ -382,8 +380,7 @@ def _at_turn(family: Family, step: Step, passed: bool) -> list[SpecialPoint]:
     kind = "fold"  # There may be a branch point apart from it in the same step.
     with contextlib.suppress(ConvergenceError):
         # Very close to a branch point the determinant is rounding.
-        far = _BESIDE
-        near = share - min(far, 0.5 * share), share + min(far, 0.5 * (1.0 - share))
+        near = share - min(_BESIDE, 0.5 * share), share + min(_BESIDE, 0.5 * (1.0 - share))
         low, high = (orientation(point_between(family, step, one)) for one in near)
         if low == high:
             kind, point = "branch_point", _along(step, _exact(family, point), share)
@@ -402,7 +399,7 @@ def _exact(family: Family, point: Point) -> Point:
         return point
     evaluation = point.chart.evaluate(family.of(y), y[:-1])
     by_value = derivative_by_value(family, point.chart, y, evaluation)
-    return replace(point, y=y, problem=family.of(y), evaluation=stripped(evaluation), by_value=by_value)
+    return replace(point, y=y, problem=family.of(y), evaluation=evaluation, by_value=by_value)
 
 
 # -- roots --------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.integrators.observer import deferred_interrupts
 from vofem.progress import Progress, TerminalBar
-from vofem.studies.steady.between import Step, interpolated
+from vofem.studies.steady.between import Step, interpolated, point_between
 from vofem.studies.steady.branch import BranchCounters
 from vofem.studies.steady.crossings import SHORTER, crossings
 from vofem.studies.steady.family import Family, Interval
@@ -188,8 +188,9 @@ class Follower:
     def _advanced(self, now: Point, step: float) -> tuple[Point, float] | None:
         """Return the next point and step, or None where the step was too long."""
         chart = now.chart
+        guess = self._predicted(now, step)
         try:
-            y, evaluation = self._corrected(now, step)
+            y, evaluation = self._corrected(now, guess, step)
             after = self._accepted(now, y, evaluation, step)
             if after is None:
                 return self._ending(now, step)
@@ -237,17 +238,9 @@ class Follower:
 
     @staticmethod
     def _before(now: Point, passed: Passage) -> tuple[float, bool]:
-        """Return how far ahead a change of the signature lies, and whether the branch turns too far up to there.
-
-        Lengths of touches change ever more quickly towards a grazing; states and the parameter do so at a fold only.
-        Where forces are smooth, the direction outside of a grazing tells of a fold that is too close to it to be seen.
-        """
+        """Return how far ahead a change of the signature lies, and whether the branch turns too far up to there."""
         left = float(np.linalg.norm((passed.before.y - now.y) / now.scales))
-        own = [*range(now.problem.size), -1]
-        here, there = ((one.tangent * one.scales / now.scales)[own] for one in (now, passed.before))
-        rate = passed.at.tangent[-1] if now.chart.smooth(now.problem) else there[-1]
-        turns = here[-1] * rate < 0.0 or here @ there < _REFUSED * np.linalg.norm(here) * np.linalg.norm(there)
-        return left, left > _SHORT and bool(turns)
+        return left, left > _SHORT and bool(now.tangent @ passed.before.tangent < _REFUSED)
 
     def _passed(self, now: Point, passed: Passage, step: float) -> tuple[Point, float] | None:
         """Continue beyond a change of the signature."""
@@ -292,28 +285,33 @@ class Follower:
         return point_at(self.family, chart, y, towards / scales, evaluation)
 
     def _earlier(self, now: Point) -> tuple[Array, Array, float] | None:
-        """Return the point before the last one as `Point.along` does in the scale of the last, and its distance."""
+        """Return the point before the last one, its tangent, both in scaled coordinates, and its distance."""
         before = self.steps[-1] if self.steps else None
         if before is None or before.last is not now:
             return None
-        length = float(np.linalg.norm((now.y - before.first.y) / now.scales))
-        return (*before.first.along(now.scales), length) if length > 0.0 else None
+        place = before.first.y / now.scales
+        tangent = before.first.tangent * before.first.scales / now.scales
+        length = float(np.linalg.norm(now.y / now.scales - place))
+        return (place, tangent / np.linalg.norm(tangent), length) if length > 0.0 else None
 
-    def _corrected(self, now: Point, step: float) -> tuple[Array, Any]:
-        """Return the orbit a step ahead, near the cubic through the last two points with tangents, or the tangent."""
-        here, along = now.along(now.scales)
-        slope, bend, earlier = now.tangent[-1], 0.0, self._earlier(now)
-        ahead = here + step * along
-        if earlier is not None:
-            place, tangent, length = earlier
-            bend = (slope - tangent[now.y.size - 1]) / length
-            if place.size == here.size:
-                known = [-length, -length, 0.0, 0.0], [place, place, here, here], [tangent, along]
-                ahead = interpolated(*known, step)
-        guess, near = now.near(ahead, now.scales)
+    def _predicted(self, now: Point, step: float) -> Array:
+        """Return the next point: on the cubic through the last two points with their tangents, or on the tangent."""
+        earlier, here = self._earlier(now), now.y / now.scales
+        if earlier is None:
+            return (here + step * now.tangent) * now.scales
+        place, tangent, length = earlier
+        known = [-length, -length, 0.0, 0.0], [place, place, here, here], [tangent, now.tangent]
+        return interpolated(*known, step) * now.scales
+
+    def _corrected(self, now: Point, guess: Array, step: float) -> tuple[Array, Any]:
+        """Return the orbit near a guess."""
         # A problem at a known value costs nothing, so the value is held where no fold is near.
+        slope, earlier, bend = now.tangent[-1], self._earlier(now), 0.0
+        if earlier is not None:
+            bend = (slope - earlier[1][-1]) / earlier[2]
         held = isinstance(now.chart, Signature) and abs(slope) > max(_FOLD * step * abs(bend), _LEVEL)
         normal = level(guess.size, np.sign(slope)) if held else now.tangent
+        near = now.evaluation
         return corrected(self.family, now.chart, guess, now.scales, normal, now.by_value, renewed=True, near=near)
 
     def _accepted(self, now: Point, y: Array, evaluation: Any, step: float) -> Point | None:
@@ -339,6 +337,9 @@ class Follower:
             if np.linalg.norm(secant / np.linalg.norm(secant) - mean / np.linalg.norm(mean)) > _APART:
                 self._why = " (the step led to another branch)"
                 return None
+            if self._earlier(now) is None:
+                # Beyond a change of the signature the branch is not known; then there must be an orbit halfway too.
+                point_between(self.family, Step(now, after), 0.5)
         return after
 
     def _take(self, step: Step | None, point: Point | None = None) -> None:

@@ -64,7 +64,7 @@ def orbit_near(problem: Shooting, guess: Array | None, steps: int = _STEPS, *, o
             if found is not None:
                 ran = found.chart.flow(problem, found.y)
                 if found.repeats(ran):
-                    return Solved(found.chart.unknowns(problem, found.y, found), found.stripped())
+                    return Solved(found.chart.unknowns(problem, found.y, found), found)
                 # Another signature is nearer to an orbit if it changes less.
                 if found.closing < 0.5 * change:
                     now, change = _evaluated(problem, *signature_of(problem, ran))
@@ -122,7 +122,7 @@ def polished(now: SignatureEvaluation) -> SignatureEvaluation | None:
         found = converged(evaluate, now.y, _POLISHED, step, now.chart.scales(now.problem, now), known=now)
     except ConvergenceError:
         return None
-    evaluation: SignatureEvaluation = found.evaluation
+    evaluation: SignatureEvaluation = found.evaluation.stripped()
     return evaluation
 
 

@@ -94,7 +94,7 @@ def converged(
     now = evaluate(x) if known is None else known
     best = x, now
     for _ in range(steps):
-        done = now.error <= tolerance or (length <= _LAST and now.error <= _rounding(now))
+        done = now.error <= tolerance or (length <= _LAST and now.error <= _ROUNDED)
         if done or not np.isfinite(now.error):
             break
         move = step(x, now)
@@ -115,14 +115,9 @@ def converged(
     return _accepted(*best, why)
 
 
-def _rounding(now: Any) -> float:
-    """Return the residual of an evaluation that may be rounding."""
-    return float(getattr(now, "solved", ROUNDING))
-
-
 def _accepted(x: Array, now: Any, why: str) -> Solved:
     """Return a solution, or raise `ConvergenceError` if its residual is more than rounding."""
-    if now.error <= _rounding(now):
+    if now.error <= getattr(now, "solved", ROUNDING):
         return Solved(x, now)
     raise ConvergenceError(f"Newton's method left a residual of {now.error:.2e} of the motion{why and f': {why}'}")
 

@@ -11,7 +11,6 @@ from vofem.arrays import Array
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.newton import converged, direction
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.signature import States
 
 #: Error of an evaluation at which a point counts as solved; Newton's last step makes it smaller still.
 TOLERANCE = 1e-12
@@ -73,12 +72,10 @@ class Point:
     problem : OrbitProblem
     evaluation : evaluation of the equations, see `problem`
     scales : ndarray, shape (n + 1,)
-    by_value : ndarray, shape (n + m,)
-        Derivatives with respect to the parameter of the residual and of `states` that follow from the anchor.
+    by_value : ndarray, shape (n,)
+        Derivative of the residual with respect to the parameter.
     tangent : ndarray, shape (n + 1,)
         Direction of the branch in scaled coordinates, of length 1.
-    moving : ndarray, shape (m,)
-        Derivatives of `states` in this direction; nothing where they are not known.
     leaving : dict of Extreme to float
         Rates at which extremes of gap functions leave their gaps in this direction, as far as they were asked for.
     """
@@ -90,7 +87,6 @@ class Point:
     scales: Array
     by_value: Array
     tangent: Array
-    moving: Array
     leaving: dict[Any, float] = field(default_factory=dict)
 
     @property
@@ -98,30 +94,9 @@ class Point:
         """Value of the parameter."""
         return float(self.y[-1])
 
-    @property
-    def states(self) -> Array:
-        """The states in which segments begin where these are unknowns too, shape (m,); else nothing."""
-        return np.ravel(self.evaluation.states) if self.chart.lifted else np.empty(0)
-
     def turned(self) -> Point:
         """Return the point with the opposite direction."""
-        return replace(self, tangent=-self.tangent, moving=-self.moving, leaving={})
-
-    def along(self, scales: Array) -> tuple[Array, Array]:
-        """Return coordinates in a scale (n + 1,), with `states`, and their derivatives along the branch, (n + 1 + m,).
-
-        The states are left out where their derivatives are not known.
-        """
-        tangent = self.tangent * self.scales / scales
-        slopes = np.append(tangent, self.moving) / np.linalg.norm(tangent)
-        return np.append(self.y / scales, self.states if self.moving.size else []), slopes
-
-    def near(self, values: Array, scales: Array) -> tuple[Array, Any]:
-        """Return coordinates (n + 1,) as `along` gives them, and where segments begin there, for `corrected`."""
-        y = values[: self.y.size] * scales
-        if values.size == y.size:
-            return y, self.evaluation
-        return y, States(y[:-1], values[y.size :].reshape(self.evaluation.states.shape))
+        return replace(self, tangent=-self.tangent, leaving={})
 
     def orbit(self) -> PeriodicOrbit:
         """Return the orbit."""
@@ -134,9 +109,9 @@ class Point:
 
 
 def derivative_by_value(family: Family, chart: Any, y: Array, evaluation: Any) -> Array:
-    """Return derivatives with respect to the parameter, by a difference: `Point.by_value`, shape (n + m,).
+    """Return the derivative of the residual with respect to the parameter, by a difference, shape (n,).
 
-    They give directions of branches. Where a branch turns does not depend on its digits. The scene is built for a value
+    It gives directions of branches. Where a branch turns does not depend on its digits. The scene is built for a value
     inside the interval, unless the value itself lies outside.
     """
     value = float(y[-1])
@@ -144,11 +119,7 @@ def derivative_by_value(family: Family, chart: Any, y: Array, evaluation: Any) -
     beside = y.copy()
     beside[-1] += -step if value > 0.5 * (family.interval.start + family.interval.stop) else step
     moved = chart.evaluate(family.of(beside), y[:-1], derivative=False, near=evaluation)
-    found = moved.residual - evaluation.residual
-    if chart.lifted:
-        ends = (one.after(np.zeros(y.size - 1)).states for one in (moved, evaluation))
-        found = np.append(found, np.subtract(*ends))
-    return np.asarray(found / (beside[-1] - value))
+    return np.asarray((moved.residual - evaluation.residual) / (beside[-1] - value))
 
 
 class _OnPlane:
@@ -178,8 +149,7 @@ class _OnPlane:
             return
         if abs(moved[-1] / self.scales[-1]) >= _TELLING * np.linalg.norm(moved / self.scales):
             along = 0.5 * (before.jacobian + now.jacobian) @ moved[:-1]
-            change = (now.residual - before.residual - along) / moved[-1]
-            self.by_value = np.append(change, self.by_value[change.size :])
+            self.by_value = (now.residual - before.residual - along) / moved[-1]
 
     def step(self, y: Array, now: Any) -> Array:
         """Return the step of Newton's method."""
@@ -188,7 +158,7 @@ class _OnPlane:
             self.by_value = derivative_by_value(self.family, self.chart, y, now)
         matrix = np.empty((y.size, y.size))
         matrix[:-1, :-1] = now.jacobian * self.scales[:-1]
-        matrix[:-1, -1] = self.by_value[: y.size - 1] * self.scales[-1]
+        matrix[:-1, -1] = self.by_value * self.scales[-1]
         matrix[-1] = self.normal
         right = np.zeros((y.size, 2))
         right[:, 0] = np.append(now.residual, self.normal @ ((y - self.guess) / self.scales))
@@ -203,8 +173,8 @@ class _OnPlane:
             back = back - lost * along
             back[-1] = -moved
         self._before, self._moved, self._steps = now, -back, self._steps + 1
-        if self.chart.lifted:
-            self.near = now.after(self._moved[:-1], self.by_value[y.size - 1 :] * self._moved[-1])
+        # Columns do not tell of the parameter; where it moves, states follow from the segments themselves.
+        self.near = now.after(self._moved[:-1]) if self.chart.lifted and moved == 0.0 else now
         return self._moved
 
 
@@ -226,7 +196,8 @@ def corrected(
 
     `guess`, `scales` have shape (n + 1,).
     `normal` (shape (n + 1,)): normal of the plane in scaled coordinates; by default that of a value of the parameter.
-    `by_value` (shape (n + m,) or (n,)): approximate `Point.by_value`. It is improved in the iteration.
+    `by_value` (shape (n,)): approximate derivative of the residual with respect to the parameter. It is improved in the
+    iteration.
     `steps`: largest number of evaluations.
     `tolerance`: error of an evaluation that is small enough. If it is below rounding, the best point is returned.
     `renewed`: whether the derivative with respect to the parameter is computed anew where the iteration is slow.
@@ -238,7 +209,9 @@ def corrected(
     normal = level(guess.size) if normal is None else normal
     plane = _OnPlane(family, chart, guess, scales, normal, by_value, near, renewed, loose)
     found = converged(plane.evaluate, guess, steps - 1, plane.step, scales, tolerance, known)
-    return found.unknowns, found.evaluation
+    now = found.evaluation
+    # What only the correction needs is left behind.
+    return found.unknowns, now.stripped() if hasattr(now, "stripped") else now
 
 
 def point_at(
@@ -251,18 +224,8 @@ def point_at(
     problem = family.of(y)
     evaluation = chart.evaluate(problem, y[:-1], near=near) if evaluation is None else evaluation
     scales = scales_of(family, chart, problem, evaluation) if scales is None else scales
-    by_value, n = derivative_by_value(family, chart, y, evaluation), y.size - 1
-    tangent, moving = tangent_at(evaluation, by_value[:n], scales, towards), by_value[n:]
-    if chart.lifted:
-        way = tangent * scales
-        here, there = (evaluation.after(x).states for x in (np.zeros(n), way[:-1]))
-        moving = np.ravel(there - here) + by_value[n:] * way[-1]
-    return Point(chart, y, problem, stripped(evaluation), scales, by_value, tangent, moving)
-
-
-def stripped(evaluation: Any) -> Any:
-    """Return an evaluation without what only corrections need, which takes memory."""
-    return evaluation.stripped() if hasattr(evaluation, "stripped") else evaluation
+    by_value = derivative_by_value(family, chart, y, evaluation)
+    return Point(chart, y, problem, evaluation, scales, by_value, tangent_at(evaluation, by_value, scales, towards))
 
 
 def scales_of(family: Family, chart: Any, problem: Any, evaluation: Any) -> Array:

@@ -13,7 +13,7 @@ from vofem.studies.steady.branch import Branch
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.follow import FIRST, Follower
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.point import Point, corrected, derivative_by_value, scales_of, stripped
+from vofem.studies.steady.point import Point, corrected, derivative_by_value, scales_of
 from vofem.studies.steady.shooting import CLOSES
 from vofem.studies.steady.special import SpecialPoint
 
@@ -107,8 +107,7 @@ class Sheets:
             y, evaluation = corrected(self.family, first.chart, guess, first.scales, None, by_value, steps=20)
         except ConvergenceError:
             return None
-        problem, evaluation = self.family.at(value), stripped(evaluation)
-        point = Point(first.chart, y, problem, evaluation, first.scales, by_value, first.tangent, first.moving)
+        point = Point(first.chart, y, self.family.at(value), evaluation, first.scales, by_value, first.tangent)
         orbit = point.orbit()
         return (point.unknowns(), orbit) if _missed(point, orbit) <= CLOSES else None
 
@@ -132,7 +131,7 @@ class Sheets:
         for factor in _TRIED:
             walker = Follower(family, largest=self.walker.largest, most=self.walker.most)
             try:
-                walker.follow(replace(start, tangent=direction, moving=np.empty(0)), FIRST * factor, leaving=True)
+                walker.follow(replace(start, tangent=direction), FIRST * factor, leaving=True)
             except ConvergenceError as error:
                 last = error
                 continue
@@ -156,7 +155,7 @@ class Sheets:
         scales = scales_of(family, chart, problem, evaluation)
         y = np.append(y, point.value)
         by_value = derivative_by_value(family, chart, y, evaluation)
-        return Point(chart, y, problem, evaluation, scales, by_value, np.zeros_like(y), np.empty(0))
+        return Point(chart, y, problem, evaluation, scales, by_value, np.zeros_like(y))
 
     def _direction(self, family: Family, start: Point, special: SpecialPoint, doubles: bool) -> Array:
         """Return the direction in which the other branch leaves: at a period doubling that of the eigenvector."""
@@ -189,7 +188,7 @@ def _other_direction(family: Family, point: Point, along: Array) -> Array:
     Returns the direction in scaled coordinates, of length 1.
     """
     n = point.y.size - 1
-    matrix = np.concatenate([point.evaluation.jacobian, point.by_value[:n, None]], axis=1)
+    matrix = np.concatenate([point.evaluation.jacobian, point.by_value[:, None]], axis=1)
     left, _, right = np.linalg.svd(matrix * point.scales / point.scales[:n, None])
     plane, normal = right[-2:], left[:, -1] / point.scales[:n]
 

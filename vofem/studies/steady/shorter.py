@@ -61,7 +61,7 @@ def at_flip(family: Family, point: Point) -> Point:
     evaluation = doubled.evaluate(problem, y)
     scales = scales_of(family, doubled, problem, evaluation)
     y = np.append(y, there)
-    return Point(doubled, y, problem, evaluation, scales, np.zeros(y.size - 1), np.zeros_like(y), np.empty(0))
+    return Point(doubled, y, problem, evaluation, scales, np.zeros(y.size - 1), np.zeros_like(y))
 
 
 def _later(point: Point, divisor: int) -> Array:

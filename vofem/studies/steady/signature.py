@@ -137,17 +137,15 @@ class SignatureEvaluation:
         """The states in unknowns in which the segments begin, shape (k + 1, 2n)."""
         return self.problem.unmodal(self.path.begins.T).T
 
-    def after(self, moved: Array, more: Array | None = None) -> States:
-        """Return where segments begin, to first order, after a step of the coordinates, shape (m,).
-
-        The columns of the segments must be known, or at least what is missed where they begin.
-        `more`: what is added to the states.
-        """
-        along, count = np.append(moved, 1.0), self.path.columns.shape[1]
-        begins = self.chart.begins(self.path, along[-1:] if count == 1 else along[:count])
-        begins[0] = self.problem.modal(self.y[: self.problem.size] + moved[: self.problem.size])
-        states = self.problem.unmodal(begins.T).T
-        return States(self.y + moved, states if more is None or not more.size else states + more.reshape(states.shape))
+    def after(self, moved: Array) -> States:
+        """Return where segments begin, to first order, after a step of the coordinates, shape (m,), if it is known."""
+        count, n = self.path.columns.shape[1], self.problem.size
+        if count < moved.size:
+            return States(self.y, self.states)
+        along = np.append(moved, 1.0)[:count]
+        begins = self.chart.begins(self.path, along)
+        begins[0] = self.problem.modal(self.y[:n] + moved[:n])
+        return States(self.y + moved, self.problem.unmodal(begins.T).T)
 
     @cached_property
     def closing(self) -> float:
@@ -477,7 +475,7 @@ class Signature:
 
     def begins(self, path: Path, along: Array) -> Array:
         """Return modal states (k + 1, 2n) in which segments begin, to first order, after steps along columns."""
-        ends, course = path.ends + path.all_columns @ along if along.size else path.ends.copy(), path.course
+        ends, course = path.ends + path.all_columns @ along, path.course
         n, rows = ends.shape[1] // 2, course.space.contacts
         for index, stop in enumerate(self.struck):
             if stop >= 0:

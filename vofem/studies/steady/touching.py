@@ -743,8 +743,7 @@ def _slope(family: Family, point: Point, values: Callable[[Any, Any, Array], Any
     """Return the derivatives of values of problem, evaluation and coordinates along a branch, in scaled coordinates."""
     y = point.y + _DIFFERENCE * point.tangent * point.scales
     problem = family.of(y)
-    near = States(y[:-1], point.evaluation.states + _DIFFERENCE * point.moving.reshape(point.evaluation.states.shape))
-    evaluation = point.chart.evaluate(problem, y[:-1], derivative=False, near=near)
+    evaluation = point.chart.evaluate(problem, y[:-1], derivative=False, near=point.evaluation)
     moved = values(problem, evaluation, y[:-1])
     return (np.asarray(moved) - values(point.problem, point.evaluation, point.y[:-1])) / _DIFFERENCE
 
