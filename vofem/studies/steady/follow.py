@@ -14,7 +14,7 @@ from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.integrators.observer import deferred_interrupts
 from vofem.progress import Progress, TerminalBar
-from vofem.studies.steady.between import Step, interpolated, point_between
+from vofem.studies.steady.between import Step, interpolated
 from vofem.studies.steady.branch import BranchCounters
 from vofem.studies.steady.crossings import SHORTER, crossings
 from vofem.studies.steady.family import Family, Interval
@@ -337,9 +337,6 @@ class Follower:
             if np.linalg.norm(secant / np.linalg.norm(secant) - mean / np.linalg.norm(mean)) > _APART:
                 self._why = " (the step led to another branch)"
                 return None
-            if self._earlier(now) is None:
-                # Beyond a change of the signature the branch is not known; then there must be an orbit halfway too.
-                point_between(self.family, Step(now, after), 0.5)
         return after
 
     def _take(self, step: Step | None, point: Point | None = None) -> None:

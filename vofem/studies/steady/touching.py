@@ -12,6 +12,7 @@ from __future__ import annotations
 from bisect import bisect
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -79,11 +80,15 @@ _MOST = 8
 _CLOSE, _SEQUENCE = 1e-4, 3
 
 #: How many orbits inside a step are looked at where a change may hide.
-_LOOKS = 4
+_LOOKS = 6
 
 #: Distance of an extreme from its gap over the size of the motion, in terms of the step, up to which it may reach the
 #: gap inside the step; and a value inside, as a share of the smaller one at the ends, that leaves no doubt.
 _REACH, _CLEAR = 0.1, 0.2
+
+#: Distance up to which an extreme may have come past a switch, and by how much farther than where one vanishes an
+#: orbit is looked at.
+_BESIDE_GAP, _FARTHER = 1e-6, 0.1
 
 #: Distance in scaled coordinates of orbits that rest at a gap after different numbers of touches, and least cosine of
 #: the angle between their branches.
@@ -169,11 +174,8 @@ def _hidden(family: Family, now: Point, after: Point, looks: int = _LOOKS) -> tu
     share = _lowest(family, now, after) if looks and isinstance(now.chart, Signature) else None
     if share is None:
         return None
-    try:
-        middle = point_between(family, Step(now, after), share)
-        changes = _vanishing(now, middle) or _touching(now, middle)
-    except ConvergenceError:
-        return None
+    middle = point_between(family, Step(now, after), share)
+    changes = _vanishing(now, middle) or _touching(now, middle)
     if changes:
         return middle, changes
     before = _hidden(family, now, middle, looks - 1)
@@ -198,15 +200,18 @@ def _lowest(family: Family, now: Point, after: Point) -> float | None:
     known = [(*ends[:, one].sum(axis=1), *slopes[:, one].sum(axis=1)) for one in inside]
     heights, rates = _extremes_along(family, (now, after), along, -_REACH * step)
     whole = np.isfinite(heights).all(axis=0)
-    # One that is at one end alone goes on evenly until it vanishes.
+    # One that is at one end alone goes on evenly until it vanishes. A look is taken a little farther.
     with np.errstate(divide="ignore", invalid="ignore"):
         reached = (heights / rates + [[0.0], [1.0]])[:, ~whole]
+        reached = reached + [[_FARTHER], [-_FARTHER]] * np.minimum(reached, 1.0 - reached)
     reached = reached[(reached > 0.0) & (reached < 1.0)]
     if reached.size:
         return float(reached.min())
+    # One close to its gap may have come past a switch.
+    halfway = 0.5 if np.any(heights[:, ~whole] > -_BESIDE_GAP) else None
     known += list(map(tuple, np.concatenate([-heights, rates])[:, whole].T))
     if not known:
-        return None
+        return halfway
     v0, v1, s0, s1 = np.array(known).T
     # Where the derivative ``s0 + 2 b x + a x^2`` of the cubic vanishes.
     a, b = 3.0 * (s0 + s1 - 2.0 * (v1 - v0)), 3.0 * (v1 - v0) - 2.0 * s0 - s1
@@ -218,7 +223,7 @@ def _lowest(family: Family, now: Point, after: Point) -> float | None:
     # What is zero at the second neighbour, where a touch ends, may have been negative before.
     low[(x == 0.0) | (v0 <= AT_ONCE)] = np.inf
     worst = np.unravel_index(low.argmin(), low.shape)
-    return float(x[worst]) if low[worst] < (-AT_ONCE if v1[worst[1]] <= AT_ONCE else 0.0) else None
+    return float(x[worst]) if low[worst] < (-AT_ONCE if v1[worst[1]] <= AT_ONCE else 0.0) else halfway
 
 
 def _extremes_along(
@@ -228,11 +233,7 @@ def _extremes_along(
 
     They are NaN where one is at the other end alone. `along`: factors of the derivatives along the branch.
     """
-    earlier, later = (point.evaluation.extremes for point in ends)
-    nearest = _nearest(earlier, later)
-    pairs: list[tuple[Extreme | None, Extreme | None]] = list(zip(nearest, later, strict=True))
-    followed = set(nearest)
-    pairs += [(e, None) for e in earlier if e not in followed]
+    pairs = _paired(*(point.evaluation.extremes for point in ends))
     pairs = [pair for pair in pairs if max(e.height for e in pair if e is not None) >= least]
     found = np.full((2, 2, len(pairs)), np.nan)
     for k, point in enumerate(ends):
@@ -245,6 +246,26 @@ def _extremes_along(
         for number, e in known.items():
             found[:, k, number] = e.height, along[k] * point.leaving[e]
     return found[0], found[1]
+
+
+def _paired(earlier: Sequence[Extreme], later: Sequence[Extreme]) -> list[tuple[Extreme | None, Extreme | None]]:
+    """Return extremes at two neighbours that follow from each other; those of a contact in a segment keep their order.
+
+    Where there are more at one neighbour, one is alone that is the first or the last of its segment.
+    """
+    groups: dict[tuple[int, int], tuple[list[Extreme], list[Extreme]]] = {}
+    for k, every in enumerate((earlier, later)):
+        for e in every:
+            groups.setdefault((e.contact, e.segment), ([], []))[k].append(e)
+    pairs = list[tuple[Extreme | None, Extreme | None]]()
+    for a, b in groups.values():
+        first, last = (
+            sum(abs(x.height - y.height) for x, y in zip(one, other, strict=False))
+            for one, other in ((a, b), (a[::-1], b[::-1]))
+        )
+        step = 1 if first <= last else -1
+        pairs += zip_longest(a[::step], b[::step])
+    return pairs
 
 
 def _first(family: Family, now: Point, after: Point, changes: list[_Change]) -> Passage:
@@ -409,7 +430,7 @@ def _nearest(known: Sequence[Extreme], others: Sequence[Extreme]) -> list[Extrem
     groups: dict[tuple[int, int], list[Extreme]] = {}
     for e in known:
         groups.setdefault((e.contact, e.segment), []).append(e)
-    found = []
+    found = list[Extreme | None]()
     for contact, segment, phase, _ in others:
         group = groups.get((contact, segment), [])
         k = bisect(group, phase, key=attrgetter("phase"))
