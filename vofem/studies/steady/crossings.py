@@ -52,11 +52,12 @@ _Place = tuple[float, float]
 #: Evaluations of a test function in the search for its root, and how near it is found, in scaled coordinates.
 _TRIES, _FINE = 60, 1e-12
 
-#: Shares of a step that a bracket and a move in it have at most where values fall quickly, and to what they fall.
-_NARROWED, _MOVED, _FALLS = 1e-2, 1e-4, 0.1
+#: Shares of a step that a bracket and a move in it have at most where values that do not fall are rounding.
+_NARROWED, _MOVED = 1e-2, 1e-4
 
-#: Distance in scaled coordinates from a root at which the sign on its other side is looked for at first.
-_OTHER = 1e-11
+#: Distance in scaled coordinates from a root at which the sign on its other side is looked for at first, and the one up
+#: to which a change of sign there tells its place.
+_OTHER, _CLOSE = 1e-11, 1e-9
 
 #: Evaluations in which a bracket becomes half as long, and how much longer steps become where it does not.
 _SLOW, _FARTHER = 3, 10.0
@@ -417,6 +418,7 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
     if not np.all(np.isfinite(ends)) or ends[0] * ends[1] > 0.0:
         return None
     largest, fine, aside = max(map(abs, ends)), _FINE / step.length, _OTHER / step.length
+    close = _CLOSE / step.length
     known: dict[float, Point] = {}
     # The newest place, the one on the other side of the root, and the one that was left out last, with their values.
     a, b, c = (0.0, ends[0]), (1.0, ends[1]), None
@@ -425,7 +427,7 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
         for _ in range(_TRIES):
             width = abs(b[0] - a[0])
             jump = width <= _JUMP and min(abs(a[1]), abs(b[1])) > _STAYS * largest
-            if jump or width <= (aside if settled else fine):
+            if jump or width <= (close if settled else fine):
                 break
             # Between values of very different sizes interpolation moves one end alone.
             slow, widths = width > 0.5 * widths[0], [*widths[1:], width]
@@ -443,11 +445,11 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
                 a, c = (share, value), a
             else:
                 a, b, c = (share, value), a, b
-                if beside:
+                if beside and moved <= close:
                     break
-            # Near a root values fall quickly, and where they no longer do they are rounding.
-            small = width <= _NARROWED and moved <= _MOVED and abs(value) > _FALLS * abs(before[1])
-            settled = value == 0.0 or (abs(value) <= abs(before[1]) / _FALLS if beside else small)
+            # Near a root values fall, and where they no longer do they are rounding.
+            small = width <= _NARROWED and moved <= _MOVED and abs(value) >= abs(before[1])
+            settled = value == 0.0 or (abs(value) <= _FARTHER * abs(before[1]) if beside else small)
     except ConvergenceError:
         # At a branch point the equations are singular; an orbit beside it is better than none.
         pass
