@@ -18,6 +18,13 @@ import vofem as vf
 SEEDS = (0, 7, 216, 215, 301, 313)
 
 
+def stored(name):
+    """Return the value of the parameter at which a branch begins, and a guess of its orbit there."""
+    known = json.loads((Path(__file__).parent / f"data/orbits/{name}.json").read_text())
+    state = np.array(known["displacement"]), np.array(known["velocity"])
+    return known["value"], SimpleNamespace(state_of=lambda _: state)
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_branch_of_the_population(seed):
     case = drawn(seed)
@@ -112,9 +119,8 @@ def test_a_symmetric_orbit_touches_both_stops_at_once():
 def test_a_branch_bends_beside_a_grazing():
     """Touches of 1e-7 rad decide there whether the length or the parameter grows, and this is less than rounding."""
     case = drawn(167)
-    known = json.loads((Path(__file__).parent / "data/orbits/stiff_cantilever.json").read_text())
-    guess = SimpleNamespace(state_of=lambda _: (np.array(known["displacement"]), np.array(known["velocity"])))
-    branch = vf.continuation(case.build, known["value"], known["value"] - 0.01, guess=guess, max_points=46)
+    start, guess = stored("stiff_cantilever")
+    branch = vf.continuation(case.build, start, start - 0.01, guess=guess, max_points=46)
     found = [s.value for s in branch.special if s.kind == "grazing"]
     # The first two bound a touch that lasts for 6e-6 rad/s only; between them an ordinary run has one closing more.
     assert found[:4] == pytest.approx([263.730838708, 263.730833178, 263.73025888, 263.728734106], abs=1e-7)
@@ -131,9 +137,8 @@ def test_a_branch_bends_beside_a_grazing():
 def test_ripples_of_a_stiff_stop_do_not_hide_touches(stop):
     """One ripple after another passes the switch, each by a touch that begins and ends within 1e-3 or 2e-5 rad/s."""
     case = drawn(114)
-    known = json.loads((Path(__file__).parent / "data/orbits/rippling_stop.json").read_text())
-    guess = SimpleNamespace(state_of=lambda _: (np.array(known["displacement"]), np.array(known["velocity"])))
-    branch = vf.continuation(case.build, known["value"], stop, guess=guess)
+    start, guess = stored("rippling_stop")
+    branch = vf.continuation(case.build, start, stop, guess=guess)
     expected = [107.066196957, 107.067571832, 107.122974827, 107.122996572]
     assert [s.kind for s in branch.special] == ["grazing"] * 4
     assert [s.value for s in branch.special] == pytest.approx(expected, abs=1e-8)

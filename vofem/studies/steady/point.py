@@ -87,7 +87,7 @@ class Point:
     scales: Array
     by_value: Array
     tangent: Array
-    leaving: dict[Any, float] = field(default_factory=dict)
+    leaving: dict[Any, float] = field(default_factory=dict, init=False)
 
     @property
     def value(self) -> float:
@@ -96,7 +96,7 @@ class Point:
 
     def turned(self) -> Point:
         """Return the point with the opposite direction."""
-        return replace(self, tangent=-self.tangent, leaving={})
+        return replace(self, tangent=-self.tangent)
 
     def orbit(self) -> PeriodicOrbit:
         """Return the orbit."""
