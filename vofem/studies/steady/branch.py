@@ -42,7 +42,7 @@ class BranchCounters:
     eigensolves : int
         Full eigenvalue problems of the structure.
     check_flows : int
-        Ordinary flows with which orbits are checked: two for most points, along the branch and from t = 0 of the loads.
+        Ordinary flows with which orbits are checked: one for most points, from t = 0 of the loads.
     """
 
     points: int = 0

@@ -62,12 +62,11 @@ def orbit_near(problem: Shooting, guess: Array | None, steps: int = _STEPS, *, o
         if np.isfinite(change):
             found = polished(now) if change <= _TRIED else None
             if found is not None:
-                ran = found.chart.flow(problem, found.y)
-                if found.repeats(ran):
+                if found.repeats:
                     return Solved(found.chart.unknowns(problem, found.y, found), found)
                 # Another signature is nearer to an orbit if it changes less.
                 if found.closing < 0.5 * change:
-                    now, change = _evaluated(problem, *signature_of(problem, ran))
+                    now, change = _evaluated(problem, *signature_of(problem, found.chart.flow(problem, found.y)))
                     continue
         if known is not None:
             # The segments of the guess do not lead to an orbit; a run decides them anew.

@@ -27,7 +27,7 @@ _DIFFERENCE = 1e-4
 def branch_of(walker: Follower) -> Branch:
     """Return a branch that has been followed, without orbits that an ordinary run does not repeat."""
     orbits, values = [point.orbit() for point in walker.points], np.array([point.value for point in walker.points])
-    missed = np.array([_missed(*pair) for pair in zip(walker.points, orbits, strict=True)])
+    missed = np.array([_missed(point) for point in walker.points])
     listed, left = np.flatnonzero(missed <= CLOSES), ~(missed <= CLOSES)
     found = walker.found()
     if left.any():
@@ -51,9 +51,9 @@ def branch_of(walker: Follower) -> Branch:
     )
 
 
-def _missed(point: Point, orbit: PeriodicOrbit) -> float:
+def _missed(point: Point) -> float:
     """Return what an ordinary run over an orbit may miss, with rounding; 0 for harmonics, whose error is another."""
-    return point.evaluation.missed(orbit.residual) if orbit.method == "shooting" else 0.0
+    return float(point.evaluation.missed) if point.chart.segmented else 0.0
 
 
 class Sheets:
@@ -108,8 +108,7 @@ class Sheets:
         except ConvergenceError:
             return None
         point = Point(first.chart, y, self.family.at(value), evaluation, first.scales, by_value, first.tangent)
-        orbit = point.orbit()
-        return (point.unknowns(), orbit) if _missed(point, orbit) <= CLOSES else None
+        return (point.unknowns(), point.orbit()) if _missed(point) <= CLOSES else None
 
     def switch(self, special: SpecialPoint) -> Branch:
         """Return the branch that leaves at a special point."""

@@ -226,9 +226,10 @@ class Shooting(OrbitProblem):
         """Return the orbit of a solution, whose stability is not decided within a distance from the unit circle."""
         scene, duration, few, change = self.scene, self.duration, self.condensed, self.change
         state, kept = self.state(unknowns), None if few is None else few.truncation(duration, change)
-        residual, notes = evaluation.residual_of(unknowns), [] if kept is None else [kept.what]
-        if (left := evaluation.missed(residual)) > CLOSES:
-            notes.append(f"a run over one period magnifies rounding: it repeats to {left:.1e} of the motion only")
+        notes = [] if kept is None else [kept.what]
+        if evaluation.missed > CLOSES:
+            left = f"{evaluation.missed:.1e}"
+            notes.append(f"a run over one period magnifies rounding: it repeats to {left} of the motion only")
         return PeriodicOrbit(
             OrbitSource(
                 scene=lambda: scene,
@@ -240,7 +241,7 @@ class Shooting(OrbitProblem):
             "shooting",
             self.loads.omega,
             self.periods,
-            residual=residual,
+            residual=evaluation.closing,
             truncation=kept,
             notes=notes,
             unknowns=np.array(unknowns),

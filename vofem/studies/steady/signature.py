@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import itemgetter
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -147,11 +148,6 @@ class SignatureEvaluation:
         begins[0] = self.problem.modal(self.y[:n] + moved[:n])
         return States(self.y + moved, self.problem.unmodal(begins.T).T)
 
-    @cached_property
-    def closing(self) -> float:
-        """Difference of both ends of an ordinary run over the orbit, over the size of the motion."""
-        return self._missed(self.chart.flow(self.problem, self.y), self.y[: self.problem.size])
-
     def stripped(self) -> SignatureEvaluation:
         """Return the evaluation without the columns of its segments, which take memory."""
         return replace(self, path=self.path.stripped())
@@ -252,33 +248,48 @@ class SignatureEvaluation:
         norms = np.linalg.norm(self.problem.space.contacts[contacts], axis=-1)
         return np.maximum(norms * self.sizes[0], np.abs(laws.gap[contacts]))
 
-    def repeats(self, flow: Flow) -> bool:
-        """Return whether a flow from the orbit's state takes the same switches and comes back; it gives `closing`."""
-        self.__dict__["closing"] = away = self._missed(flow, self.y[: self.problem.size])
-        return self.chart.follows(self.problem, self.y, flow) and (away <= CLOSES or away <= self.rounding)
+    @cached_property
+    def _ran(self) -> tuple[bool, float]:
+        """Whether an ordinary run from t = 0 takes the same switches, and by how much its ends differ.
 
-    def _missed(self, flow: Flow, unknowns: Array) -> float:
-        """Return the difference of both ends of a flow from some unknowns, over the size of the motion."""
-        return relative(self.problem.to_unknowns(flow.displacement, flow.velocity) - unknowns, self.sizes)
-
-    def residual_of(self, unknowns: Array) -> float:
-        """Return what an ordinary run from the orbit's state at t = 0, rounded as in a user's run, misses after it.
-
-        Where forces jump, rounding decides whether a contact rests. There a run from the phase of `y` counts too.
+        It starts from the state of the orbit, rounded as in a user's run.
         """
-        if self.chart.anchor == 0.0 and not self._jumps:
-            return self.closing
-        unknowns = self.problem.from_state(self.problem.state(unknowns))
-        missed = self._missed(self.problem.run(unknowns, check=True), unknowns)
-        return max(missed, self.closing) if self._jumps else missed
+        problem = self.problem
+        start = problem.from_state(problem.state(self.chart.unknowns(problem, self.y, self)))
+        flow = problem.run(start, check=True)
+        return self.chart.follows(self.y, flow), self._missed(flow, start)
 
-    def missed(self, residual: float) -> float:
-        """Return what any run may miss after an orbit of a residual.
+    @property
+    def closing(self) -> float:
+        """Difference of both ends of an ordinary run over the orbit from t = 0, over the size of the motion."""
+        return self._ran[1]
+
+    @cached_property
+    def repeats(self) -> bool:
+        """Whether an ordinary run over the orbit takes the same switches and comes back.
+
+        Where the orbit switches just at t = 0, a run from the phase of `y` may do so alone.
+        """
+        if self._comes_back(*self._ran):
+            return True
+        flow = self.chart.flow(self.problem, self.y)
+        return self._comes_back(self.chart.follows(self.y, flow), self._missed(flow, self.y[: self.problem.size]))
+
+    def _comes_back(self, follows: bool, away: float) -> bool:
+        return follows and (away <= CLOSES or away <= self.rounding)
+
+    def _missed(self, flow: Flow, start: Array) -> float:
+        """Return the difference of both ends of a flow from some unknowns, over the size of the motion."""
+        return relative(self.problem.to_unknowns(flow.displacement, flow.velocity) - start, self.sizes)
+
+    @property
+    def missed(self) -> float:
+        """What any run may miss after the orbit.
 
         Where forces jump rounding decides whether a contact rests, so that one run does not tell. There twice the
         estimate counts.
         """
-        return max(residual, 2.0 * self.rounding) if self._jumps else residual
+        return max(self.closing, 2.0 * self.rounding) if self._jumps else self.closing
 
     @property
     def _jumps(self) -> bool:
@@ -639,15 +650,17 @@ class Signature:
 
     # -- comparison with a flow -----------------------------------------------------------------------
 
-    def follows(self, problem: Shooting, y: Array, flow: Flow) -> bool:
-        """Return whether the events of a flow are those of the signature, each contact for itself.
+    def follows(self, y: Array, flow: Flow) -> bool:
+        """Return whether the events of a flow over an orbit are those of the signature, each contact for itself.
 
-        Touches that are so short that they are lost in rounding do not count.
+        The flow may begin at any phase. Touches that are so short that they are lost in rounding do not count.
         """
-        omega, phases = problem.loads.omega, self.phases(y)
+        phases, omega = self.phases(y), self.turn / (flow.stop - flow.start.time)
+        later = [self.anchor + (e.time * omega - self.anchor) % self.turn for e in flow.events]
+        found = sorted(zip(later, flow.events, strict=True), key=itemgetter(0))
         for contact in range(len(self.start)):
             mine = [(p, s.status) for p, s in zip(phases, self.switches, strict=True) if s.contact == contact]
-            seen = [(e.time * omega, e.after) for e in flow.events if e.contact == contact]
+            seen = [(p, e.after) for p, e in found if e.contact == contact]
             if [status for _, status in mine] == [status for _, status in seen]:
                 continue
             hit = contact in self.struck or any(e.contact == contact and e.before == e.after for e in flow.events)

@@ -136,26 +136,34 @@ def passage(family: Family, now: Point, after: Point) -> Passage | None:
     lengths = chart.lengths(after.y[:-1])
     if min(lengths[0], lengths[-1]) <= 0.0:
         raise ConvergenceError("a switch passed the phase at which the state is an unknown")
+    changes = _changes(now, after)
+    if not changes and not after.evaluation.repeats:
+        raise ConvergenceError(
+            f"the orbit does not repeat under an ordinary run, by {after.evaluation.closing:.1e} of the motion"
+            f"{_rested(after)}"
+        )
+    return _earliest(family, now, after, _first(family, now, after, changes) if changes else None)
+
+
+def _changes(now: Point, after: Point, without: Collection[_Pair] = ()) -> list[_Change]:
+    """Return all changes of the signature between two neighbours, except of some pairs.
+
+    Where they show none and an ordinary run does not repeat, its first touch is one.
+    """
     # Beside a segment of negative length there are extremes that mean nothing.
-    changes, found = _vanishing(now, after) or _touching(now, after), None
-    if not changes:
-        flow = chart.flow(after.problem, after.y[:-1])
-        repeats = after.evaluation.repeats(flow)
-        if not repeats:
-            changes = _touching(now, after, flow)
-        if not changes and not repeats:
-            raise ConvergenceError(
-                f"the orbit does not repeat under an ordinary run, by {after.evaluation.closing:.1e} of the motion"
-                f"{_rested(after, flow)}"
-            )
-    if changes:
-        found = _first(family, now, after, changes)
-    return _earliest(family, now, after, found)
+    found = _vanishing(now, after, without) or _touching(now, after)
+    return found if found or after.evaluation.repeats else _touching(now, after, _run(after))
 
 
-def _rested(point: Point, flow: Flow) -> str:
+def _run(point: Point) -> Flow:
+    """Return an ordinary run over an orbit from the phase of its coordinates."""
+    flow: Flow = point.chart.flow(point.problem, point.y[:-1])
+    return flow
+
+
+def _rested(point: Point) -> str:
     """Return which contacts a run lets rest at their gaps while the orbit touches them, as the end of a sentence."""
-    laws, own = point.problem.system.contacts, point.chart.switches
+    laws, own, flow = point.problem.system.contacts, point.chart.switches, _run(point)
     rests = {e.contact for e in flow.events if e.after == PINNED and _law(point.problem, e.contact) == "jump"}
     names = [repr(laws.names[j]) for j in sorted(rests) if (j, PINNED) not in own]
     if not names:
@@ -278,12 +286,12 @@ def _first(family: Family, now: Point, after: Point, changes: list[_Change]) -> 
             change = change._replace(pairs=(*change.pairs, *pairs))
         found, pairs = _located(family, now, last, change)
         last = found.before
-        changes = _vanishing(now, last, pairs) or _touching(now, last, now.chart.flow(last.problem, last.y[:-1]))
+        changes = _changes(now, last, pairs)
         if not changes:
             inner = last if pairs else found.after
             # Where forces jump, what they do to rounding grows without bound at a grazing, but not beside it.
             one = found.at if inner is not None and inner.chart.smooth(inner.problem) else inner
-            if one is not None and not one.evaluation.repeats(one.chart.flow(one.problem, one.y[:-1])):
+            if one is not None and not one.evaluation.repeats:
                 raise ConvergenceError(
                     f"the orbit at a change of contact at {one.value:.12g} does not repeat under an ordinary run, by "
                     f"{one.evaluation.closing:.1e} of the motion"
@@ -326,10 +334,10 @@ def resting(family: Family, now: Point, guess: Array) -> Passage | None:
     chart, problem, n = now.chart, family.of(guess), now.problem.size
     new, y, found = chart, guess[:-1], None
     for _ in range(_MOST):
-        flow, old = new.flow(problem, y), new.switches
-        if found is not None and found.repeats(flow):
+        if found is not None and found.repeats:
             break
-        new, y = signature_of(problem, flow)
+        old = new.switches
+        new, y = signature_of(problem, new.flow(problem, y))
         every = [chart.switches, new.switches]
         rests = any(s.status == PINNED and _law(problem, s.contact) == "jump" for one in every for s in one)
         touching = [{s.contact for s in one} for one in every]
@@ -689,8 +697,7 @@ def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[i
             continue
         inner = point_at(family, chart, found, at.tangent, evaluation)
         near = np.linalg.norm((found - guess) / at.scales) <= _ASIDE * step
-        flow = chart.flow(inner.problem, found[:-1])
-        if near and (inner.evaluation.repeats(flow) or _touching(at, inner, flow)):
+        if near and (inner.evaluation.repeats or _touching(at, inner, _run(inner))):
             return inner
     raise ConvergenceError("no orbit was found beside one that grazes a contact whose force jumps, or a rigid stop")
 
