@@ -76,7 +76,7 @@ def test_work_for_the_bilinear_oscillator(bilinear_branch, slow_branch):
         counters = branch.counters
         assert counters.points == len(branch)
         assert counters.flows <= 6 * counters.points
-        assert counters.check_flows <= 2.3 * counters.points
+        assert counters.check_flows <= 1.2 * counters.points
         assert counters.eigensolves == 1
         assert len(branch) < 320
 

@@ -138,7 +138,7 @@ def test_ripples_of_a_stiff_stop_do_not_hide_touches(stop):
     """One ripple after another passes the switch, each by a touch that begins and ends within 1e-3 or 2e-5 rad/s."""
     case = drawn(114)
     start, guess = stored("rippling_stop")
-    branch = vf.continuation(case.build, start, stop, guess=guess)
+    branch = vf.continuation(case.build, start, stop, guess=guess, max_step=0.02)
     expected = [107.066196957, 107.067571832, 107.122974827, 107.122996572]
     assert [s.kind for s in branch.special] == ["grazing"] * 4
     assert [s.value for s in branch.special] == pytest.approx(expected, abs=1e-8)

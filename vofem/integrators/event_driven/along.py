@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
-from vofem.integrators.event_driven.blocks import response
+from vofem.integrators.event_driven.blocks import at_steps, response
 from vofem.integrators.event_driven.clusters import Group
 from vofem.integrators.event_driven.exosystem import exosystem, gathered, pushes
 from vofem.integrators.event_driven.flow import modes_of
@@ -120,16 +120,38 @@ class Path:
 
     def motions(self, segments: Integers) -> Iterator[tuple[Motion, Integers, Integers]]:
         """Yield motions of one status in the segments of times (n_times,), the times, and their motions, each (m,)."""
-        groups: dict[bytes, list[int]] = {}
-        for segment in np.flatnonzero(np.bincount(segments)).tolist():
-            groups.setdefault(self.statuses[segment].tobytes(), []).append(segment)
-        for group in groups.values():
-            number = np.full(len(self.statuses), -1)
-            number[group] = np.arange(len(group))
-            motion, own = self.motion(*group), number[segments]
+        number = np.empty(len(self.statuses), dtype=np.int64)
+        for group, motion in self._groups:
+            number[:], number[group] = -1, np.arange(group.size)
+            own = number[segments]
             mine = np.flatnonzero(own >= 0)
-            for part in np.split(mine, range(_TOGETHER, mine.size, _TOGETHER)):
+            for begin in range(0, mine.size, _TOGETHER):
+                part = mine[begin : begin + _TOGETHER]
                 yield motion, part, own[part]
+
+    @cached_property
+    def _groups(self) -> list[tuple[Integers, Motion]]:
+        """The segments of each status, shape (k,), and their motions."""
+        groups: dict[bytes, list[int]] = {}
+        for segment, status in enumerate(self.statuses):
+            groups.setdefault(status.tobytes(), []).append(segment)
+        return [(np.array(group), self.motion(*group)) for group in groups.values()]
+
+    def sampled(self, rows: Array, segments: Integers, counts: Integers) -> tuple[Integers, Array, Array, Array]:
+        """Return samples after equal steps in segments in their order, of which each has a number of steps.
+
+        They are given by segments, times in these, and displacements and velocities of modal rows (k, n), (k, n_times).
+        """
+        steps, every = self.durations[segments] / counts, counts + 1
+        places = np.cumsum(every) - every
+        number = np.arange(every.sum()) - np.repeat(places, every)
+        found = np.empty((2 * len(rows), number.size))
+        for group, motion in self._groups:
+            own, mine = np.nonzero(segments[:, None] == group)
+            begin = np.concatenate([rows @ motion.displacement[mine].T, rows @ motion.velocity[mine].T])
+            over, starts = motion.regime.over_blocks(rows), motion.starts[mine]
+            at_steps(motion.regime.blocks, starts, steps[own], counts[own], over, begin, places[own], found)
+        return np.repeat(segments, every), np.repeat(steps, every) * number, found[: len(rows)], found[len(rows) :]
 
     def rows(self, rows: Array, segments: Integers) -> Callable[[Array], tuple[Array, Array]]:
         """Return displacements and velocities of modal rows (k, n), (k, n_times), by times in segments (n_times,)."""

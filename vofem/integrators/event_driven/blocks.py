@@ -16,6 +16,7 @@ small penetration of a stiff contact is therefore far more accurate than the dis
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -37,6 +38,9 @@ from vofem.linalg.oscillators import (
 
 Integers = NDArray[np.int64]
 
+
+#: Equal steps in which states are followed before rows over them are computed.
+_AT_ONCE = 128
 
 #: Numbers that `respond` takes: delta, p, the load's squared frequency, value and rate, four gains, two derivatives.
 _TAKES = 11
@@ -230,3 +234,73 @@ def _changes_at_once(blocks: Blocks, starts: Array, own: Integers, tau: Array, o
     others = blocks._replace(pair=blocks.pair[~bends], gain=blocks.gain[~bends])
     for i in range(tau.size) if others.pair.size else ():
         _respond_all(others, starts[own[i]], tau[i], out[i])
+
+
+def at_steps(
+    blocks: Blocks, starts: Array, steps: Array, counts: Integers, rows: Array, begin: Array, places: Integers,
+    out: Array,
+) -> None:  # fmt: skip
+    """Write values of rows after 0, 1, 2, ... equal steps in segments, into `out` (k, n_times).
+
+    `starts` (shape (j, 2, m)): states at the beginnings of the segments.
+    `steps`, `counts`, `places` (shape (j,)): lengths and numbers of the steps, and the columns of the first values.
+    `rows` (shape (k, 2m)), `begin` (k, j): rows over all blocks, and their values at the beginnings.
+    """
+    with kernels(compiled=False) if blocks.group is not None else nullcontext():
+        _at_steps(ready(blocks), np.ascontiguousarray(starts), steps, counts, rows, begin, places, out)
+
+
+@jit
+def _at_steps(
+    blocks: Blocks, starts: Array, steps: Array, counts: Integers, rows: Array, begin: Array, places: Integers,
+    out: Array,
+) -> None:  # fmt: skip
+    of, m, both = blocks.of, starts.shape[2], blocks.work[5:]
+    now, moved = np.empty((2, m)), np.empty((2, m))
+    # Sums of changes keep small motions exact.
+    total, own = np.empty((_AT_ONCE, 2 * m)), np.empty((4, m))
+    loads = 0
+    for driver in blocks.pair[:, 1:].ravel():
+        loads = max(loads, int(driver) + 1)
+    for j in range(steps.size):
+        oscillators_at(of, steps[j], both, blocks.work)
+        # Responses from rest are linear in values and rates of the loads.
+        driven = np.zeros((2, loads, 2, m))
+        for i in range(2 * loads):
+            now[:] = 0.0
+            now[i % 2, i // 2] = 1.0
+            _respond_all(blocks, now, steps[j], driven[i % 2, i // 2])
+        for k in range(m):
+            c, s, delta = both[0, k], both[1, k], of[DELTA, k]
+            own[0, k], own[1, k], own[2, k], own[3, k] = c + s * delta, s, -s * of[SQUARE, k], c - s * delta
+        first, last = starts[j], np.zeros((2, m))
+        for done in range(0, counts[j] + 1, _AT_ONCE):
+            some = min(_AT_ONCE, counts[j] + 1 - done)
+            for i in range(some):
+                for k in range(m):
+                    total[i, k], total[i, m + k] = last[0, k], last[1, k]
+                    z, v = first[0, k] + last[0, k], first[1, k] + last[1, k]
+                    moved[0, k], moved[1, k] = own[0, k] * z + own[1, k] * v, own[2, k] * z + own[3, k] * v
+                for e in range(loads):
+                    z, v = first[0, e] + last[0, e], first[1, e] + last[1, e]
+                    for k in range(m):
+                        moved[0, k] += driven[0, e, 0, k] * z + driven[1, e, 0, k] * v
+                        moved[1, k] += driven[0, e, 1, k] * z + driven[1, e, 1, k] * v
+                for k in range(m):
+                    last[0, k] += moved[0, k]
+                    last[1, k] += moved[1, k]
+            found = rows @ total[:some].T
+            for r in range(rows.shape[0]):
+                for i in range(some):
+                    out[r, places[j] + done + i] = begin[r, j] + found[r, i]
+
+
+@plain_form(_at_steps)
+def _at_steps_at_once(
+    blocks: Blocks, starts: Array, steps: Array, counts: Integers, rows: Array, begin: Array, places: Integers,
+    out: Array,
+) -> None:  # fmt: skip
+    for j in range(steps.size):
+        tau = steps[j] * np.arange(counts[j] + 1)
+        moved = changes(blocks, starts[j : j + 1], np.zeros(tau.size, dtype=np.int64), tau)
+        out[:, places[j] : places[j] + tau.size] = rows @ moved.reshape(tau.size, rows.shape[1]).T + begin[:, j : j + 1]

@@ -25,8 +25,8 @@ _NEAREST = 3
 #: Least distance of two such points, as a share of their distance from the guess.
 _APART = 1e-2
 
-#: The parameter is held where the least of its shares in both directions and in the secant is at least so much of the
-#: largest one, and at least so much.
+#: The parameter is held where the least of its rates in scaled coordinates is at least so much of the largest one, and
+#: at least so much. A problem at a known value costs nothing.
 _STEADY, _LEVEL = 0.5, 1e-3
 
 
@@ -49,10 +49,14 @@ class Step:
 
     @property
     def steady(self) -> bool:
-        """Whether the parameter changes evenly along the step, so that no fold is near."""
-        rates = np.array([self.first.tangent[-1], self.last.tangent[-1], self.secant[-1] / self.length])
-        rates *= np.sign(rates[-1])
-        return bool(rates.min() > max(_STEADY * rates.max(), _LEVEL))
+        """Whether no fold is near."""
+        return steady(self.secant[-1] / self.length, self.first.tangent[-1], self.last.tangent[-1])
+
+
+def steady(*rates: float) -> bool:
+    """Return whether a parameter with some rates along a branch changes evenly, so that it may be held."""
+    ahead = np.array(rates) * np.sign(rates[0])
+    return bool(ahead.min() > max(_STEADY * ahead.max(), _LEVEL))
 
 
 def interpolated(places: list[float], values: list[Array], slopes: list[Array], at: float) -> Array:
@@ -98,7 +102,6 @@ def point_between(
     slopes = [slope * step.length / max(float(slope @ normal), 0.1) for slope in slopes]
     guess = interpolated(places, values, slopes, share)
     if step.steady:
-        # A problem at a known value costs nothing, so the guess's value is held.
         plane = level(guess.size)
     else:
         # The orbit is found on the plane at this share.
@@ -108,8 +111,7 @@ def point_between(
     every = {0.0: first, 1.0: last, **known}
     nearest = every[min(every, key=lambda one: abs(one - share))]
     y, evaluation = corrected(
-        family, first.chart, guess * scales, scales, plane, by_value, tolerance=tolerance, renewed=True,
-        near=nearest.evaluation,
+        family, first.chart, guess * scales, scales, plane, by_value, tolerance=tolerance, near=nearest.evaluation
     )  # fmt: skip
     if tangent:
         return point_at(family, first.chart, y, normal, evaluation, scales=scales)

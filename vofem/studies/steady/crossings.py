@@ -71,8 +71,9 @@ _JUMP, _STAYS = 1e-4, 0.1
 #: Distance of a special point from an end of a part, as a share of it, up to which it is that end.
 _AT_END = 1e-9
 
-#: A sign change counts as a root where the function is smaller there than this share of its ends: no pole, no jump.
-_VANISHES = 1e-3
+#: A sign change counts as a root where the function is smaller there than this share of its ends: no pole, no jump. The
+#: share for the rate of the parameter at a turn.
+_VANISHES, _NEARLY_LEVEL = 1e-3, 2e-2
 
 #: How far a branch point may lie from where it was seen, in scaled coordinates.
 _NEARBY = 1e-3
@@ -419,7 +420,7 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
         return None
     largest, fine, aside = max(map(abs, ends)), _FINE / step.length, _OTHER / step.length
     close = _CLOSE / step.length
-    known: dict[float, Point] = {}
+    known, every = dict[float, Point](), list[_Place]()
     # The newest place, the one on the other side of the root, and the one that was left out last, with their values.
     a, b, c = (0.0, ends[0]), (1.0, ends[1]), None
     settled, widths = False, [4.0] * _SLOW
@@ -441,8 +442,11 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
             share = a[0] + moved * np.sign(b[0] - a[0])
             known[share] = point_between(family, step, share, known, tangent=test is turning)
             value, before = test(known[share]), a
+            every.append((share, value))
             if (value > 0.0) == (a[1] > 0.0):
-                a, c = (share, value), a
+                # Close to the root a larger value is rounding.
+                if not (beside and moved <= close and abs(value) > abs(a[1])):
+                    a, c = (share, value), a
             else:
                 a, b, c = (share, value), a, b
                 if beside and moved <= close:
@@ -453,9 +457,10 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
     except ConvergenceError:
         # At a branch point the equations are singular; an orbit beside it is better than none.
         pass
-    found = [(abs(value), float(share)) for share, value in (a, b) if share in known]
-    value, share = min(found, default=(np.inf, 0.0))
-    if value > _VANISHES * largest or abs(b[0] - a[0]) > _BESIDE:
+    # The parameter depends on the place of a turn by the square alone, and beside a branch point rates are rounding.
+    some, least = (every, _NEARLY_LEVEL) if test is turning else ([a, b], _VANISHES)
+    value, share = min(((abs(value), float(share)) for share, value in some if share in known), default=(np.inf, 0.0))
+    if value > least * largest or abs(b[0] - a[0]) > _BESIDE:
         return None
     at = known[share]
     if test is not turning:

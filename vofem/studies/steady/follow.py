@@ -14,7 +14,7 @@ from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.integrators.observer import deferred_interrupts
 from vofem.progress import Progress, TerminalBar
-from vofem.studies.steady.between import Step, interpolated
+from vofem.studies.steady.between import Step, interpolated, steady
 from vofem.studies.steady.branch import BranchCounters
 from vofem.studies.steady.crossings import SHORTER, crossings
 from vofem.studies.steady.family import Family, Interval
@@ -38,10 +38,6 @@ _APART, _LEAST_SHARE = 0.1, 1e-3
 #: Cosine of the angle below which a step is rejected at a corner of a branch, and the largest step at a corner. A step
 #: that ends at a grazing may turn as far as it must where it is shorter.
 _CORNER, _SHORT = np.cos(np.radians(80.0)), 1e-4
-
-#: While an orbit is corrected the parameter is held where a fold is farther ahead than so many steps, and where the
-#: share of the parameter in the direction of the branch is at least so much.
-_FOLD, _LEVEL = 2.0, 1e-3
 
 #: Longest step in which touches may turn into a rest.
 _RESTING = 1e-3
@@ -305,14 +301,11 @@ class Follower:
 
     def _corrected(self, now: Point, guess: Array, step: float) -> tuple[Array, Any]:
         """Return the orbit near a guess."""
-        # A problem at a known value costs nothing, so the value is held where no fold is near.
-        slope, earlier, bend = now.tangent[-1], self._earlier(now), 0.0
-        if earlier is not None:
-            bend = (slope - earlier[1][-1]) / earlier[2]
-        held = isinstance(now.chart, Signature) and abs(slope) > max(_FOLD * step * abs(bend), _LEVEL)
+        slope, earlier = now.tangent[-1], self._earlier(now)
+        bend = 0.0 if earlier is None else (slope - earlier[1][-1]) / earlier[2]
+        held = isinstance(now.chart, Signature) and steady(slope, slope + step * bend)
         normal = level(guess.size, np.sign(slope)) if held else now.tangent
-        near = now.evaluation
-        return corrected(self.family, now.chart, guess, now.scales, normal, now.by_value, renewed=True, near=near)
+        return corrected(self.family, now.chart, guess, now.scales, normal, now.by_value, near=now.evaluation)
 
     def _accepted(self, now: Point, y: Array, evaluation: Any, step: float) -> Point | None:
         """Return a corrected point, or None where the branch has turned too far.

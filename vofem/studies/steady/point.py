@@ -130,11 +130,11 @@ class _OnPlane:
 
     def __init__(
         self, family: Family, chart: Any, guess: Array, scales: Array, normal: Array, by_value: Array, near: Any,
-        renewed: bool, loose: int | None,
+        loose: int | None,
     ) -> None:  # fmt: skip
         self.near, self.loose = near, loose
         self.family, self.chart, self.guess, self.scales, self.normal = family, chart, guess, scales, normal
-        self.by_value, self.renewed = by_value, renewed
+        self.by_value = by_value
         self._before: Any = None
         self._moved, self._steps = np.zeros_like(guess), 0
 
@@ -154,7 +154,7 @@ class _OnPlane:
     def step(self, y: Array, now: Any) -> Array:
         """Return the step of Newton's method."""
         self.improve(now)
-        if self.renewed and self._steps > 1 and self._moved[-1] != 0.0 and now.error > _SLOW * self._before.error:
+        if self._steps > 1 and self._moved[-1] != 0.0 and now.error > _SLOW * self._before.error:
             self.by_value = derivative_by_value(self.family, self.chart, y, now)
         matrix = np.empty((y.size, y.size))
         matrix[:-1, :-1] = now.jacobian * self.scales[:-1]
@@ -187,7 +187,6 @@ def corrected(
     by_value: Array,
     steps: int = _STEPS,
     tolerance: float = TOLERANCE,
-    renewed: bool = False,
     near: Any = None,
     known: Any = None,
     loose: int | None = -1,
@@ -197,17 +196,16 @@ def corrected(
     `guess`, `scales` have shape (n + 1,).
     `normal` (shape (n + 1,)): normal of the plane in scaled coordinates; by default that of a value of the parameter.
     `by_value` (shape (n,)): approximate derivative of the residual with respect to the parameter. It is improved in the
-    iteration.
+    iteration, and computed anew where this is slow.
     `steps`: largest number of evaluations.
     `tolerance`: error of an evaluation that is small enough. If it is below rounding, the best point is returned.
-    `renewed`: whether the derivative with respect to the parameter is computed anew where the iteration is slow.
     `near`: an evaluation near the guess, or `States`, for coordinates with segments; or `known`, that at the guess.
     `loose`: number of the equation that gives way to the rounding of the parameter; by default that of the plane.
     With None the parameter is not held.
     Raises `ConvergenceError`.
     """
     normal = level(guess.size) if normal is None else normal
-    plane = _OnPlane(family, chart, guess, scales, normal, by_value, near, renewed, loose)
+    plane = _OnPlane(family, chart, guess, scales, normal, by_value, near, loose)
     found = converged(plane.evaluate, guess, steps - 1, plane.step, scales, tolerance, known)
     now = found.evaluation
     # What only the correction needs is left behind.

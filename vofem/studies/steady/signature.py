@@ -40,12 +40,9 @@ from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
 from vofem.studies.steady.shooting import CLOSES, Shooting, relative, share
 from vofem.system import CLOSED, PINNED
 
-#: Samples of an orbit from which its range is refined, samples among which extremes of gap functions are searched, and
-#: the least number in a segment.
-_SAMPLES, _SEARCHED, _LEAST_SAMPLES = 600, 2500, 16
-
-#: Steps of this search at each end of a long segment, and the number of parts into which each of them is divided.
-_STEPS_AT_ENDS, _FINER = 8, 8
+#: Steps of an orbit from which its range is refined, steps among which extremes of gap functions are searched, and the
+#: least numbers of both in a segment. A stiff contact rebounds quickly.
+_RANGE, _SEARCHED, _LEAST_RANGE, _LEAST = 600, 20000, 16, 128
 
 #: Steps in the search for an extreme in its bracket, and the last of them as a share of the bracket. What is left of it
 #: changes the extreme by the square.
@@ -54,11 +51,9 @@ _CUTS, _FINE = 60, 1e-9
 #: Height of an extreme, over the size of the motion, below which it is not computed exactly.
 _LOW = -0.05
 
-#: Height of an extreme above which others may lie close to it.
-_AT_GAP = -1e-6
-
-#: Least rate between two samples, as a share of the lower one of them, that may be below zero in truth.
-_DOUBT = 0.2
+#: Height of an extreme above which others may lie close to it, and least rate between two samples, as a share of the
+#: lower one of them, that may be below zero in truth.
+_AT_GAP, _DOUBT = -1e-6, 0.2
 
 #: The anchor is moved if a switch comes nearer to it than this share of the longest segment.
 _NEAR_ANCHOR = 0.15
@@ -155,10 +150,7 @@ class SignatureEvaluation:
     def range_of(self, row: Array) -> tuple[float, float]:
         """Return the least and the largest value of a row over the free degrees of freedom, shape (n,)."""
         rows, segments = self.problem.modal_row(row)[None], np.flatnonzero(self.path.durations > 0.0)
-        durations = self.path.durations[segments]
-        counts = _count(durations, self.problem.duration, _SAMPLES)
-        of, tau = _samples(segments, [0.0 * durations, durations], [counts])
-        (u,), (rate,) = self.path.rows(rows, of)(tau)
+        of, tau, (u,), (rate,) = self.path.sampled(rows, segments, self._steps(segments, _RANGE, _LEAST_RANGE))
         # Only neighbours of the largest samples are refined, because no other sample can be an extreme.
         i = np.flatnonzero((rate[:-1] * rate[1:] < 0.0) & (of[:-1] == of[1:]))
         both = np.stack([i, i + 1])
@@ -193,24 +185,27 @@ class SignatureEvaluation:
             return []
         free = (np.array(self.chart.statuses) < PINNED).any(axis=1)
         segments = np.flatnonzero(free & (self.path.durations > 0.0))
-        durations = self.path.durations[segments]
-        count, finer = (_count(durations, self.problem.duration, n * _SEARCHED) for n in (1, _FINER))
-        # Finer steps beside switches, where a stiff contact rebounds quickly.
-        long, ends = count > 2 * _STEPS_AT_ENDS, _STEPS_AT_ENDS * _FINER
-        near = np.where(long, _STEPS_AT_ENDS * durations / count, durations)
-        edges = [0.0 * durations, near, durations - near, durations]
-        counts = [np.where(long, ends, finer), long * (count - 2 * _STEPS_AT_ENDS), long * ends]
-        return self.extremes_among(*_samples(segments, edges, counts))
+        rows = self.problem.space.contacts
+        return self.extremes_among(*self.path.sampled(rows, segments, self._steps(segments, _SEARCHED, _LEAST)))
 
-    def extremes_among(self, segments: Integers, tau: Array, contact: int | None = None) -> list[Extreme]:
-        """Return the extremes between samples (n_times,), of one contact or, by default, of those open or closed."""
+    def _steps(self, segments: Integers, whole: int, least: int) -> Integers:
+        """Return the numbers of equal steps in segments, of so many in the whole orbit and at least in each."""
+        share = self.path.durations[segments] / self.problem.duration
+        return np.maximum(least, (whole * share).astype(np.int64))
+
+    def extremes_among(
+        self, segments: Integers, tau: Array, u: Array, rates: Array, contact: int | None = None
+    ) -> list[Extreme]:
+        """Return the extremes between samples, of one contact or, by default, of those open or closed.
+
+        `segments`, `tau` have shape (n_times,), `u` and `rates` of all contacts (n_contacts, n_times).
+        """
         problem, path, laws = self.problem, self.path, self.problem.system.contacts
         assert laws is not None
         rows, gaps, sizes = problem.space.contacts, laws.gap, self.size_of(range(len(laws)))
         statuses = np.array(self.chart.statuses)[segments].T
         signs = np.where(statuses == CLOSED, -1.0, 1.0)
-        values, rates = path.rows(rows, segments)(tau)
-        values, rates = signs * (values - gaps[:, None]) / sizes[:, None], signs * rates
+        values, rates = signs * (u - gaps[:, None]) / sizes[:, None], signs * rates
         mine = statuses[:, :-1] < PINNED if contact is None else np.arange(len(laws))[:, None] == contact
         inside = mine & (segments[:-1] == segments[1:])
         turns = (rates[:, :-1] > 0.0) & (rates[:, 1:] <= 0.0) & inside
@@ -218,21 +213,23 @@ class SignatureEvaluation:
         low, high = tau[i], tau[i + 1]
         places = low + (high - low) * rates[j, i] / (rates[j, i] - rates[j, i + 1])
         heights = np.maximum(values[j, i], values[j, i + 1]) + 0.25 * (high - low) * rates[j, i] / sizes[j]
-        # At a gap finer steps tell extremes that lie close together.
-        close = heights > _AT_GAP
-        doubtful = (values[:, :-1] > _AT_GAP) & inside
-        of, at = np.nonzero(doubtful)
-        ways = sizes[of] * (values[of, at + 1] - values[of, at])
-        doubtful[of, at] = _turn_twice(rates[of, at], rates[of, at + 1], ways, tau[at + 1] - tau[at])
-        for beside in (-1, 0, 1):
-            doubtful[j[close], (i[close] + beside).clip(0, tau.size - 2)] = True
-        of, at = np.nonzero(doubtful & inside)
-        if of.size:
-            finer = path.rows(rows, np.repeat(segments[at], _FINER + 1))
-            k, begin, end = _finer_turns(finer, of, signs[of, at], tau[at], tau[at + 1])
-            j, i = np.append(j[~close], of[k]), np.append(i[~close], at[k])
-            low, high = np.append(low[~close], begin), np.append(high[~close], end)
-            places, heights = np.append(places[~close], begin), np.append(heights[~close], np.zeros(k.size))
+        # At a gap two turns between samples are told apart where the rate between them has its extreme.
+        of, at = np.nonzero((values[:, :-1] > _AT_GAP) & inside & ~turns)
+        ways, steps = sizes[of] * (values[of, at + 1] - values[of, at]), tau[at + 1] - tau[at]
+        share = _least_rate(rates[of, at], rates[of, at + 1], ways, steps)
+        known = np.isfinite(share)
+        if known.any():
+            of, at, cut = of[known], at[known], (tau[at] + share * steps)[known]
+            there = signs[of, at] * path.rows(rows, segments[at])(cut)[1][of, np.arange(of.size)]
+            twice = there * rates[of, at] < 0.0
+            of, at, cut = of[twice], at[twice], cut[twice]
+            rises = rates[of, at] > 0.0
+            j, i, heights = np.append(j, of), np.append(i, at), np.append(heights, 0.0 * cut)
+            low, high = (
+                np.append(low, np.where(rises, tau[at], cut)),
+                np.append(high, np.where(rises, cut, tau[at + 1])),
+            )
+            places = np.append(places, cut)
         near = heights > _LOW
         of, where = j[near], i[near]
         places[near], there = _turned(path.rows(rows, segments[where]), of, low[near], high[near])
@@ -698,8 +695,11 @@ class Signature:
             high = min((later[0] / omega - begun) if later else duration, duration)
             if high <= low:
                 return None
-            tau = np.linspace(low, high, 2 * _LEAST_SAMPLES + 1)
-            found = evaluation.extremes_among(np.full(tau.size, segment), tau, event.contact)
+            tau = np.linspace(low, high, _LEAST + 1)
+            of = np.full(tau.size, segment)
+            found = evaluation.extremes_among(
+                of, tau, *evaluation.path.rows(problem.space.contacts, of)(tau), event.contact
+            )
             return max(found, key=lambda e: e.height, default=None)
         return None
 
@@ -872,46 +872,18 @@ def _mean(path: Path, contact: int, partner: int, index: int) -> tuple[float, Ar
     return value, derived
 
 
-def _count(durations: Array, whole: float, samples: int) -> Integers:
-    """Return the numbers of samples in segments of an orbit that is sampled at so many times."""
-    return np.maximum(_LEAST_SAMPLES, (samples * durations / whole).astype(np.int64))
+def _least_rate(first: Array, last: Array, ways: Array, steps: Array) -> Array:
+    """Return at which share between samples rates of one sign may have changed it, shape (k,); NaN where they have not.
 
-
-def _samples(segments: Integers, edges: Sequence[Array], counts: Sequence[Integers]) -> tuple[Integers, Array]:
-    """Return segment and time of samples (n_times,): so many equal steps between edges of each, (k,), and the last."""
-    low, each = np.column_stack(edges), np.column_stack([*counts, np.ones_like(segments)])
-    steps = np.diff(low, axis=1, append=low[:, -1:]) / np.maximum(each, 1)
-    number = np.arange(each.sum()) - np.repeat(np.cumsum(each) - each.ravel(), each.ravel())
-    tau = np.repeat(low.ravel(), each.ravel()) + np.repeat(steps.ravel(), each.ravel()) * number
-    return np.repeat(segments, each.sum(axis=1)), tau
-
-
-def _turn_twice(first: Array, last: Array, ways: Array, steps: Array) -> NDArray[np.bool_]:
-    """Return between which samples rates of one sign may change it twice, shape (k,). They follow parabolas, roughly.
-
-    `ways`, `steps` (shape (k,)): what is passed between the samples, and the times that this takes.
+    They follow parabolas, roughly. `ways`, `steps` (shape (k,)): what is passed between the samples, and times of this.
     """
     with np.errstate(all="ignore"):
         bend = 3.0 * (first + last) - 6.0 * ways / steps
         slope = last - first - bend
         place = -0.5 * slope / bend
         least = (first + 0.5 * slope * place) * np.sign(first)
-        same = np.sign(first) == np.sign(last)
-        return same & (place > 0.0) & (place < 1.0) & (least < _DOUBT * np.minimum(np.abs(first), np.abs(last)))
-
-
-def _finer_turns(
-    rows: Callable[[Array], tuple[Array, Array]], of: Integers, signs: Array, low: Array, high: Array
-) -> tuple[Integers, Array, Array]:
-    """Return the numbers of brackets, shape (k,), in which finer steps find maxima, and a bracket of each, (m,) all.
-
-    `rows`: see `Path.rows`, at `_FINER + 1` times in each bracket; `of` is the row of each, and `signs` its sign.
-    """
-    times = np.linspace(low, high, _FINER + 1, axis=1)
-    rates = rows(times.ravel())[1][np.repeat(of, _FINER + 1), np.arange(times.size)]
-    rates = signs[:, None] * rates.reshape(times.shape)
-    k, step = np.nonzero((rates[:, :-1] > 0.0) & (rates[:, 1:] <= 0.0))
-    return k, times[k, step], times[k, step + 1]
+        turns = (np.sign(first) == np.sign(last)) & (least < _DOUBT * np.minimum(np.abs(first), np.abs(last)))
+        return np.where(turns & (place > 0.0) & (place < 1.0), place, np.nan)
 
 
 def _turned(rows: Callable[[Array], tuple[Array, Array]], of: Integers, low: Array, high: Array) -> tuple[Array, Array]:

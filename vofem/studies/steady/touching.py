@@ -9,11 +9,9 @@ regular, and all that begins there at once is read from it.
 
 from __future__ import annotations
 
-from bisect import bisect
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
-from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -419,30 +417,18 @@ def _mark(chart: Signature, y: Array, k: int) -> Mark:
 def _touching(now: Point, after: Point, flow: Flow | None = None) -> list[_Change]:
     """Return extremes of gap functions that have come to the wrong side, the first touch of a run among them."""
     chart: Signature = now.chart
-    wrong = [e for e in after.evaluation.extremes if e.height > ROUNDING]
+    there, found = after.evaluation.extremes, []
     first = None if flow is None else chart.first_touch(after.evaluation, flow)
-    if first is not None and first.height > ROUNDING and not any(_alike(chart, e.phase, first.phase) for e in wrong):
-        wrong.append(first)
-    found = []
-    for e, near in zip(wrong, _nearest(now.evaluation.extremes, wrong) if wrong else (), strict=True):
+    if first is not None and not any(e.height > ROUNDING and _alike(chart, e.phase, first.phase) for e in there):
+        there = sorted([*there, first])
+    for near, e in _paired(now.evaluation.extremes, there):
+        if e is None or e.height <= ROUNDING:
+            continue
         share, phase = 0.5, e.phase
         if near is not None:
             share = min(max(-near.height, 0.0) / (e.height + max(-near.height, 0.0)), 1.0)
             phase = near.phase + share * (e.phase - near.phase)
         found.append(_Change(share, begins=Mark(e.contact, phase)))
-    return found
-
-
-def _nearest(known: Sequence[Extreme], others: Sequence[Extreme]) -> list[Extreme | None]:
-    """Return the nearest known extreme of the same contact in the same segment to each of others; None without one."""
-    groups: dict[tuple[int, int], list[Extreme]] = {}
-    for e in known:
-        groups.setdefault((e.contact, e.segment), []).append(e)
-    found = list[Extreme | None]()
-    for contact, segment, phase, _ in others:
-        group = groups.get((contact, segment), [])
-        k = bisect(group, phase, key=attrgetter("phase"))
-        found.append(min(group[max(k - 1, 0) : k + 1], key=lambda e: abs(e.phase - phase), default=None))
     return found
 
 
