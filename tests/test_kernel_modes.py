@@ -267,3 +267,22 @@ def test_a_wrong_environment_variable_is_told():
     )  # fmt: skip
     assert run.returncode == 1
     assert "VOFEM_COMPILED is 'never', expected 1 for compiled code or 0 for plain Python" in run.stderr
+
+
+def test_extremes_of_orbits_both_ways():
+    """At the natural frequency, where a load drives the mass without a steady answer, extremes are the same."""
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="mass")
+    stops = [
+        vf.Contact(mass, gap=0.8, stiffness=2.0, side="above", acts_on="penetration", name="one"),
+        vf.Contact(mass, gap=0.95, stiffness=2.0, side="below", acts_on="penetration", name="two"),
+    ]
+    found = []
+    for compiled in (True, False):
+        with kernels(compiled=compiled):
+            branch = vf.continuation(
+                lambda omega: vf.Scene([mass], [*stops, vf.PointLoad(mass, vf.Sine(0.1, omega))]), 1.0, 1.02
+            )
+        grazings = [point.value for point in branch.special if point.kind == "grazing"]
+        found.append((*grazings, *branch.orbits[0].extremes(mass), *branch.orbits[-1].extremes(mass)))
+    assert len(found[0]) > 4
+    assert found[0] == pytest.approx(found[1], rel=1e-11)
