@@ -121,7 +121,7 @@ class Path:
     def motions(self, segments: Integers) -> Iterator[tuple[Motion, Integers, Integers]]:
         """Yield motions of one status in the segments of times (n_times,), the times, and their motions, each (m,)."""
         number = np.empty(len(self.statuses), dtype=np.int64)
-        for group, motion in self._groups:
+        for group, motion in self._groups():
             number[:], number[group] = -1, np.arange(group.size)
             own = number[segments]
             mine = np.flatnonzero(own >= 0)
@@ -129,13 +129,13 @@ class Path:
                 part = mine[begin : begin + _TOGETHER]
                 yield motion, part, own[part]
 
-    @cached_property
-    def _groups(self) -> list[tuple[Integers, Motion]]:
-        """The segments of each status, shape (k,), and their motions."""
+    def _groups(self) -> Iterator[tuple[Integers, Motion]]:
+        """Yield the segments of each status, shape (k,), and their motions; these are not kept, as they are large."""
         groups: dict[bytes, list[int]] = {}
         for segment, status in enumerate(self.statuses):
             groups.setdefault(status.tobytes(), []).append(segment)
-        return [(np.array(group), self.motion(*group)) for group in groups.values()]
+        for group in groups.values():
+            yield np.array(group), self.motion(*group)
 
     def sampled(self, rows: Array, segments: Integers, counts: Integers) -> tuple[Integers, Array, Array, Array]:
         """Return samples after equal steps in segments in their order, of which each has a number of steps.
@@ -146,7 +146,7 @@ class Path:
         places = np.cumsum(every) - every
         number = np.arange(every.sum()) - np.repeat(places, every)
         found = np.empty((2 * len(rows), number.size))
-        for group, motion in self._groups:
+        for group, motion in self._groups():
             own, mine = np.nonzero(segments[:, None] == group)
             begin = np.concatenate([rows @ motion.displacement[mine].T, rows @ motion.velocity[mine].T])
             over, starts = motion.regime.over_blocks(rows), motion.starts[mine]
