@@ -191,7 +191,7 @@ def test_all_kinds_of_runs_are_compiled_ahead():
         if method.steps and not method.special
         for build in ahead.STEPPED.values()
     }
-    assert exact | stepped | {"statics"} == set(ahead.KINDS)
+    assert exact | stepped | {"steady states", "statics"} == set(ahead.KINDS)
     assert {kind_of_run(m, system) for m in BUILT_IN if m.steps and not m.special} == {"steps, laws"}
 
 

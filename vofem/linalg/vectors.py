@@ -35,6 +35,44 @@ def _fill(into: Array, value: float) -> None:
 
 
 @jit
+def add(values: Array, factor: float, into: Array) -> None:
+    """Add a multiple of a vector to another one of the same length."""
+    for i in range(values.size):
+        into[i] += factor * values[i]
+
+
+@plain_form(add)
+def _add(values: Array, factor: float, into: Array) -> None:
+    into += factor * values
+
+
+@jit
+def add_outer(column: Array, row: Array, factor: float, into: Array) -> None:
+    """Add a multiple of the product of a column and a row to a matrix."""
+    for i in range(column.size):
+        for k in range(row.size):
+            into[i, k] += factor * column[i] * row[k]
+
+
+@plain_form(add_outer)
+def _add_outer(column: Array, row: Array, factor: float, into: Array) -> None:
+    into += factor * column[:, None] * row
+
+
+@jit
+def add_product(one: Array, two: Array, into: Array) -> None:
+    """Add the product of two matrices, of which the first has few rows, to a third one."""
+    for i in range(one.shape[0]):
+        for k in range(one.shape[1]):
+            add(two[k], one[i, k], into[i])
+
+
+@plain_form(add_product)
+def _add_product(one: Array, two: Array, into: Array) -> None:
+    into += one @ two
+
+
+@jit
 def inner(one: Array, two: Array) -> float:
     """Return the sum of the products of the entries of two vectors."""
     # Four sums are computed at a time, because each addition waits only for the last one of its own sum.

@@ -24,12 +24,14 @@ from vofem.effects import (
     Sine,
     Springpot,
 )
+from vofem.integrators.event_driven.along import Course
 from vofem.integrators.methods import ENERGY_CONSERVING, EVENT_DRIVEN
 from vofem.kernels.cache import keep_kind
 from vofem.kernels.mode import kernels
 from vofem.scene import Scene
 from vofem.simulate.simulation import simulate
 from vofem.statics import equilibrium, quasi_static
+from vofem.system import OPEN, Counters
 
 
 def _exact(*more: object) -> Scene:
@@ -120,6 +122,15 @@ def _steps(laws: str) -> Callable[[], None]:
     return run
 
 
+def _orbits() -> None:
+    """Follow segments between switches, as steady states do, and look for extremes in them."""
+    system = _several().model.system
+    course = Course(system, 4.0, Counters())
+    whole, n = np.eye(2 * course.space.size), len(course.space.contacts)
+    path = course.along(0.0, whole[0], [np.full(n, OPEN)], np.array([4.0]), whole, np.zeros((1, len(whole))))
+    path.sampled(course.space.contacts, np.array([0]), np.array([8]))
+
+
 def _statics() -> None:
     beam = Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"})
     tip = beam.at(1.0)
@@ -135,6 +146,7 @@ _WORK: tuple[tuple[str, Callable[[], None]], ...] = (
     (EVENT_DRIVEN.name, _events),
     (f"{EVENT_DRIVEN.name}, damped", _damped_events),
     *((laws, _steps(laws)) for laws in STEPPED),
+    ("steady states", _orbits),
     ("statics", _statics),
 )
 

@@ -20,6 +20,7 @@ from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.kernels.jit import jit, plain_form
 from vofem.linalg.exponential import matrix_change, oscillator_change
 from vofem.linalg.oscillators import oscillator_times, oscillators
+from vofem.linalg.vectors import add, add_outer, add_product, copy, inner, multiply
 from vofem.system import CLOSED, PINNED, ContactLaws
 
 #: How block states follow from modal states: they are the same, by real modes, or by a matrix for whole states.
@@ -228,33 +229,33 @@ def pieces(still: Still, loads: Exosystem) -> tuple[Pieces, list[Group | None]]:
 
 
 @jit
-def _mapped(kind: int, s: int, single: Array, double: Array, z: Array, v: Array) -> tuple[Array, Array]:
-    """Return differences of states of status s, each (n, k), by maps of displacements or of whole states."""
+def _mapped(kind: int, s: int, single: Array, double: Array, of: Array) -> Array:
+    """Return differences of states of status s, shape (2n, k), by maps of displacements or of whole states."""
     if kind == 0:
-        return z, v
+        return of
+    if kind == 2:
+        return double[s] @ of
+    n, out = of.shape[0] // 2, np.empty_like(of)
+    np.dot(single[s], of[:n], out[:n])
+    np.dot(single[s], of[n:], out[n:])
+    return out
+
+
+@jit
+def _mapped_state(kind: int, s: int, single: Array, double: Array, of: Array) -> Array:
+    """Return what `_mapped` does for one state, shape (2n,)."""
+    n, out = of.size // 2, of.copy()
     if kind == 1:
-        return single[s] @ z, single[s] @ v
-    n = z.shape[0]
-    both = double[s] @ np.concatenate((z, v))
-    return both[:n], both[n:]
+        multiply(single[s], of[:n], out[:n])
+        multiply(single[s], of[n:], out[n:])
+    elif kind == 2:
+        multiply(double[s], of, out)
+    return out
 
 
 @jit
-def _into_blocks(maps: Maps, s: int, z: Array, v: Array) -> tuple[Array, Array]:
-    """Return block states, each (n, k), of differences of modal states, each (n, k)."""
-    return _mapped(maps.kind[s], s, maps.down, maps.into, z, v)
-
-
-@jit
-def _out_of_blocks(maps: Maps, s: int, z: Array, v: Array) -> tuple[Array, Array]:
-    """Return differences of modal states, each (n, k), of block states, each (n, k)."""
-    return _mapped(maps.kind[s], s, maps.up, maps.out, z, v)
-
-
-@jit
-def _loads_at(loads: Pieces, time: float) -> Array:
-    """Return values and rates of the loads at a time, shape (2, e)."""
-    found = np.empty((2, loads.omega.size))
+def _loads_at(loads: Pieces, time: float, found: Array) -> None:
+    """Write values and rates of the loads at a time into the first columns of an array with two rows."""
     for j in range(loads.omega.size):
         w, value, rate = loads.omega[j], loads.first[0, j], loads.first[1, j]
         if w == 0.0:
@@ -262,58 +263,65 @@ def _loads_at(loads: Pieces, time: float) -> Array:
         else:
             cosine, sine = np.cos(w * time), np.sin(w * time)
             found[0, j], found[1, j] = cosine * value + sine / w * rate, cosine * rate - w * sine * value
-    return found
 
 
 @jit
-def _answered(steady: Array, w: Array) -> Array:
-    """Return the steady answers (2n,) to states (2, e) of the loads."""
-    found = np.zeros(steady.shape[0])
-    for j in range(w.shape[1]):
-        found += w[0, j] * steady[:, j] + w[1, j] * steady[:, w.shape[1] + j]
-    return found
+def _add_answers(steady: Array, w: Array, factor: float, into: Array) -> None:
+    """Add a multiple of the steady answers to states of e loads, in the first columns of `w`, to a state (2n,)."""
+    e = steady.shape[1] // 2
+    for i in range(into.size):
+        for j in range(e):
+            into[i] += factor * (w[0, j] * steady[i, j] + w[1, j] * steady[i, e + j])
 
 
 @jit
-def _block_changes(
-    loads: Pieces, groups: list[Group | None] | None, s: int, z: Array, v: Array, time: float, tau: float
-) -> tuple[Array, Array]:
-    """Return by how much block states, each (n, 1), that hold at a time have changed after tau."""
-    n, e = z.shape[0], loads.omega.size
-    begin, moved = np.empty((2, e + n)), np.empty((2, e + n))
-    begin[:, :e] = _loads_at(loads, time)
-    steady = _answered(loads.steady[s], begin[:, :e])
-    begin[0, e:], begin[1, e:] = z[:, 0] - steady[:n], v[:, 0] - steady[n:]
+def _block_change(
+    loads: Pieces, groups: list[Group | None] | None, s: int, blocks: Array, time: float, tau: float
+) -> Array:
+    """Return by how much block states, shape (2n,), that hold at a time have changed after tau."""
+    n, e = blocks.size // 2, loads.omega.size
+    begin, moved, free = np.empty((2, e + n)), np.empty((2, e + n)), blocks.copy()
+    _loads_at(loads, time, begin)
+    _add_answers(loads.steady[s], begin, -1.0, free)
+    copy(free[:n], begin[0, e:])
+    copy(free[n:], begin[1, e:])
     r = loads.pairs[s]
     of, pair, gain = loads.of[s], loads.pair[s, :r], loads.gain[s, :r]
     if groups is None:
         change(Blocks(of, pair, gain, None, loads.work, loads.response), begin, tau, moved)
     else:
         change(Blocks(of, pair, gain, groups[s], loads.work, loads.response), begin, tau, moved)
-    steady = _answered(loads.steady[s], moved[:, :e])
-    return (moved[0, e:] + steady[:n]).reshape(n, 1), (moved[1, e:] + steady[n:]).reshape(n, 1)
+    copy(moved[0, e:], free[:n])
+    copy(moved[1, e:], free[n:])
+    _add_answers(loads.steady[s], moved, 1.0, free)
+    return free
 
 
 @jit
-def _rates(structure: Structure, maps: Maps, loads: Pieces, s: int, time: float, z: Array, v: Array) -> Array:
-    """Return the rates of a modal state under a status, shape (2n,)."""
-    w = _loads_at(loads, time)
-    force = -structure.stiffness * z - structure.damping * v
-    for j in range(w.shape[1]):
-        force += w[0, j] * structure.sources[j]
+def _rates(structure: Structure, maps: Maps, loads: Pieces, s: int, time: float, state: Array) -> Array:
+    """Return the rates of a modal state under a status, both of shape (2n,)."""
+    n, rates, w = state.size // 2, np.empty(state.size), np.empty((2, loads.omega.size))
+    z, v, force = state[:n], state[n:], rates[n:]
+    copy(v, rates[:n])
+    for i in range(n):
+        force[i] = -structure.stiffness[i] * z[i] - structure.damping[i] * v[i]
+    _loads_at(loads, time, w)
+    for j in range(loads.omega.size):
+        add(structure.sources[j], w[0, j], force)
     if loads.push.shape[0]:
-        force += loads.push[s]
+        add(loads.push[s], 1.0, force)
     if structure.coupling.size:
-        force -= structure.coupling @ v
+        for i in range(n):
+            force[i] -= inner(structure.coupling[i], v)
     for j in range(structure.gap.size):
-        if maps.closed[s, j] != 0.0 or maps.damper[s, j] != 0.0:
+        closed, damper = maps.closed[s, j], maps.damper[s, j]
+        if closed != 0.0 or damper != 0.0:
             row = structure.rows[j]
-            push = maps.closed[s, j] * (np.sum(row * z) - structure.gap[j]) + maps.damper[s, j] * np.sum(row * v)
-            force -= push * row
+            add(row, -closed * (inner(row, z) - structure.gap[j]) - damper * inner(row, v), force)
     for j in range(structure.gap.size):
         row = maps.held[s, j]
-        force -= np.sum(row * force) * row
-    return np.concatenate((v, force))
+        add(row, -inner(row, force), force)
+    return rates
 
 
 @jit
@@ -332,69 +340,101 @@ def _turns_at_once(delta: Array, p: Array, t: float) -> tuple[Array, Array]:
 
 
 @jit
-def turned(delta: Array, p: Array, turn: Array, sine: Array, z: Array, v: Array) -> tuple[Array, Array]:
-    """Return free block states, each (n, k), after the time to which `turns` belong."""
-    after_z, after_v = np.empty_like(z), np.empty_like(v)
-    for i in range(p.size):
+def turned(delta: Array, p: Array, turn: Array, sine: Array, of: Array) -> Array:
+    """Return free block states, shape (2n, k), after the time to which `turns` belong."""
+    n, after = p.size, np.empty_like(of)
+    for i in range(n):
         c, s = 1.0 + turn[i], sine[i]
-        for j in range(z.shape[1]):
-            after_z[i, j] = c * z[i, j] + s * (v[i, j] + delta[i] * z[i, j])
-            after_v[i, j] = c * v[i, j] - s * (p[i] * z[i, j] + delta[i] * v[i, j])
-    return after_z, after_v
+        for j in range(of.shape[1]):
+            z, v = of[i, j], of[n + i, j]
+            after[i, j] = c * z + s * (v + delta[i] * z)
+            after[n + i, j] = c * v - s * (p[i] * z + delta[i] * v)
+    return after
 
 
 @plain_form(turned)
-def _turned_at_once(delta: Array, p: Array, turn: Array, sine: Array, z: Array, v: Array) -> tuple[Array, Array]:
+def _turned_at_once(delta: Array, p: Array, turn: Array, sine: Array, of: Array) -> Array:
     c, s, d, q = 1.0 + turn[:, None], sine[:, None], delta[:, None], p[:, None]
-    return c * z + s * (v + d * z), c * v - s * (q * z + d * v)
+    z, v = of[: p.size], of[p.size :]
+    return np.concatenate([c * z + s * (v + d * z), c * v - s * (q * z + d * v)])
+
+
+@jit
+def _largest(columns: Array) -> Array:
+    """Return the largest absolute value of each column."""
+    found = np.zeros(columns.shape[1])
+    for i in range(columns.shape[0]):
+        for j in range(found.size):
+            found[j] = max(found[j], abs(columns[i, j]))
+    return found
+
+
+@plain_form(_largest)
+def _largest_at_once(columns: Array) -> Array:
+    return np.asarray(np.abs(columns).max(axis=0, initial=0.0))
 
 
 @jit
 def _columns_of_group(
-    group: Group | None, duration: float, before: tuple[Array, Array], after: tuple[Array, Array],
-    weights: tuple[Array, Array], maps: Maps, s: int,
-) -> Array:  # fmt: skip
-    """Fill in the columns of the blocks of a group; return the mean rates of the contacts in all columns, (c, k)."""
+    group: Group | None, duration: float, before: Array, after: Array, weights: Array, maps: Maps, s: int, rows: Array
+) -> None:
+    """Fill in the columns of the blocks of a group, and add their part to the mean rates of the contacts, (c, k).
+
+    `before`, `after` have shape (2n, k), `weights` (c, 2n).
+    """
     if group is None:
-        return weights[0] @ before[0] + weights[1] @ before[1]
-    g, e = group.member.size, group.scale.size // 2
-    member = group.member - e
-    both = np.concatenate((before[0][member], before[1][member]))
+        return
+    g, n = group.member.size, before.shape[0] // 2
+    member = group.member - (group.scale.size // 2)
+    places = np.concatenate((member, n + member))
+    both = before[places]
     generator = group.matrix[: 2 * g, : 2 * g].copy()
     moved = matrix_change(generator, duration) @ both
     mean = moved / duration if duration != 0.0 else generator @ both
-    after[0][member], after[1][member] = both[:g] + moved[:g], both[g:] + moved[g:]
-    weights[0][:, member] = weights[1][:, member] = 0.0
-    rows = weights[0] @ before[0] + weights[1] @ before[1]
-    return np.asarray(rows + maps.mean_z[s][:, member] @ mean[:g] + maps.mean_v[s][:, member] @ mean[g:])
+    after[places] = both + moved
+    weights[:, places] = 0.0
+    rows += maps.mean_z[s][:, member] @ mean[:g] + maps.mean_v[s][:, member] @ mean[g:]
 
 
 @jit
 def _columns_after(
-    maps: Maps, groups: list[Group | None] | None, s: int, duration: float, columns: Array
-) -> tuple[Array, Array]:
-    """Return columns (2n, k) at a fixed time after a duration, and the mean rates of the contacts in them, (c, k)."""
-    n = columns.shape[0] // 2
-    first = columns[:n].copy()
-    if maps.carry.shape[0]:
-        first -= maps.carry[s] @ columns[:n].copy()
-    z, v = _into_blocks(maps, s, first, columns[n:].copy())
-    delta, p = maps.delta[s], maps.p[s]
+    maps: Maps, groups: list[Group | None] | None, s: int, duration: float, columns: Array, rows: Array
+) -> Array:
+    """Return columns (2n, k) at a fixed time after a duration.
+
+    Writes the mean rates of the contacts in them into `rows` (c, k), which are zero before.
+    """
+    n, c = columns.shape[0] // 2, rows.shape[0]
+    stays = maps.carry[s] @ columns[:n] if maps.carry.shape[0] else columns[:0]
+    free = columns.copy()
+    for i in range(stays.shape[0]):
+        add(stays[i], -1.0, free[i])
+    free = _mapped(maps.kind[s], s, maps.down, maps.into, free)
+    delta, p, weights = maps.delta[s], maps.p[s], np.empty((c, 2 * n))
     turn, sine = turns(delta, p, duration)
-    after_z, after_v = turned(delta, p, turn, sine, z, v)
-    # Their means over the duration.
-    turn, sine = (turn / duration, sine / duration) if duration != 0.0 else (-delta, np.ones(n))
-    rows_z, rows_v = maps.mean_z[s], maps.mean_v[s]
-    weight_z = rows_z * (turn + sine * delta) - rows_v * (sine * p)
-    weight_v = rows_z * sine + rows_v * (turn - sine * delta)
-    if groups is None:
-        rows = weight_z @ z + weight_v @ v
-    else:
-        rows = _columns_of_group(groups[s], duration, (z, v), (after_z, after_v), (weight_z, weight_v), maps, s)
-    after_z, after_v = _out_of_blocks(maps, s, after_z, after_v)
-    if maps.carry.shape[0]:
-        after_z = after_z + maps.carry[s] @ columns[:n].copy()
-    return np.concatenate((after_z, after_v)), rows
+    after = turned(delta, p, turn, sine, free)
+    for i in range(n):
+        # Their means over the duration.
+        t, q = (turn[i] / duration, sine[i] / duration) if duration != 0.0 else (-delta[i], 1.0)
+        for j in range(c):
+            in_z, in_v = maps.mean_z[s, j, i], maps.mean_v[s, j, i]
+            weights[j, i] = in_z * (t + q * delta[i]) - in_v * (q * p[i])
+            weights[j, n + i] = in_z * q + in_v * (t - q * delta[i])
+    if groups is not None:
+        _columns_of_group(groups[s], duration, free, after, weights, maps, s, rows)
+    add_product(weights, free, rows)
+    after = _mapped(maps.kind[s], s, maps.up, maps.out, after)
+    for i in range(stays.shape[0]):
+        add(stays[i], 1.0, after[i])
+    return after
+
+
+@jit
+def _enlarge(sizes: Array, first: int, state: Array) -> None:
+    """Let two sizes be no less than the norms of displacement and velocity of a state (2n,)."""
+    n = state.size // 2
+    sizes[first] = max(sizes[first], np.sqrt(inner(state[:n], state[:n])))
+    sizes[first + 1] = max(sizes[first + 1], np.sqrt(inner(state[n:], state[n:])))
 
 
 @jit
@@ -423,10 +463,7 @@ def pass_segments(
     begins, starts, ends = np.empty((m, 2 * n)), np.empty((m, 2 * n)), np.empty((m, 2 * n))
     means = np.zeros((m, c))
     shifts, end_rows, mean_rows = np.zeros((m, k)), np.zeros((m, c, k)), np.zeros((m, c, k))
-    shift, sizes = np.zeros(k), np.zeros(4)
-    first_size = np.zeros(k)
-    for j in range(k):
-        first_size[j] = np.max(np.abs(columns[:, j]))
+    first_size, mean, later, sizes = _largest(columns), np.empty(n), np.empty(n), np.zeros(4)
     fastest = 1.0 / horizon
     for j in range(loads.omega.size):
         fastest = max(fastest, loads.omega[j])
@@ -434,66 +471,76 @@ def pass_segments(
     for i in range(m):
         s, h = status[i], durations[i]
         if i > 0 and given.shape[0]:
-            missed = state - given[i]
-            sizes[2] = max(sizes[2], np.sqrt(np.sum(missed[:n] ** 2)))
-            sizes[3] = max(sizes[3], np.sqrt(np.sum(missed[n:] ** 2)))
+            add(given[i], -1.0, state)
+            _enlarge(sizes, 2, state)
             for a in range(2 * n if k else 0):
-                columns[a, k - 1] += missed[a]
-            state = given[i].copy()
-        begins[i] = state
-        z, v = state[:n].copy(), state[n:].copy()
-        shifted = maps.shift[s]
+                columns[a, k - 1] += state[a]
+            copy(given[i], state)
+        copy(state, begins[i])
+        # Block states belong to what is left of displacements without the part that stays.
+        shifted = maps.shift[s].copy()
         if maps.carry.shape[0]:
-            shifted = shifted + maps.carry[s] @ z
-        block_z, block_v = _into_blocks(maps, s, (z - shifted).reshape(n, 1), v.reshape(n, 1))
-        pinned = np.any(maps.held[s] != 0.0)
+            for a in range(n):
+                shifted[a] += inner(maps.carry[s, a], state[:n])
+        add(shifted, -1.0, state[:n])
+        blocks = _mapped_state(maps.kind[s], s, maps.down, maps.into, state)
+        pinned = False
+        for j in range(c):
+            pinned = pinned or inner(maps.held[s, j], maps.held[s, j]) > 0.0
         if pinned:
-            held_z, held_v = _out_of_blocks(maps, s, block_z, block_v)
-            z, v = held_z[:, 0] + shifted, held_v[:, 0].copy()
-        starts[i, :n], starts[i, n:] = z, v
-        first = _rates(structure, maps, loads, s, time, z, v)
-        change_z, change_v = _block_changes(loads, groups, s, block_z, block_v, time, h)
-        change_z, change_v = _out_of_blocks(maps, s, change_z, change_v)
-        dz, dv = change_z[:, 0].copy(), change_v[:, 0].copy()
-        mean = dz / h if h != 0.0 else v
-        means[i] = structure.rows @ mean
-        last_z, last_v = z + dz, v + dv
-        ends[i, :n], ends[i, n:] = last_z, last_v
-        sizes[0] = max(sizes[0], np.sqrt(np.sum(last_z * last_z)))
-        sizes[1] = max(sizes[1], np.sqrt(np.sum(last_v * last_v)))
+            copy(_mapped_state(maps.kind[s], s, maps.up, maps.out, blocks), state)
+            add(shifted, 1.0, state[:n])
+        else:
+            copy(begins[i], state)
+        copy(state, starts[i])
+        first = _rates(structure, maps, loads, s, time, state)
+        moved = _mapped_state(maps.kind[s], s, maps.up, maps.out, _block_change(loads, groups, s, blocks, time, h))
+        for a in range(n):
+            mean[a] = moved[a] / h if h != 0.0 else state[n + a]
+        multiply(structure.rows, mean, means[i])
         if m < _FEW or loads.push.shape[0]:
             for share in _INSIDE:
-                more_z, more_v = _block_changes(loads, groups, s, block_z, block_v, time, share * h)
-                more_z, more_v = _out_of_blocks(maps, s, more_z, more_v)
-                sizes[0] = max(sizes[0], np.sqrt(np.sum((z + more_z[:, 0]) ** 2)))
-                sizes[1] = max(sizes[1], np.sqrt(np.sum((v + more_v[:, 0]) ** 2)))
+                inside = _block_change(loads, groups, s, blocks, time, share * h)
+                inside = _mapped_state(maps.kind[s], s, maps.up, maps.out, inside)
+                add(state, 1.0, inside)
+                _enlarge(sizes, 0, inside)
+        add(moved, 1.0, state)
+        copy(state, ends[i])
+        _enlarge(sizes, 0, state)
         if k:
-            last = _rates(structure, maps, loads, s, time + h, last_z, last_v)
-            for a in range(2 * n):
-                columns[a] = columns[a] - first[a] * shift
-            columns, rows = _columns_after(maps, groups, s, h, columns)
-            later = (last_v - mean) / h if abs(h) * fastest > _SHORT else first[n:] / 6.0 + last[n:] / 3.0
-            slope = structure.rows @ (dv / h if h != 0.0 else first[n:].copy())
-            more = structure.rows @ later
+            shift = shifts[i]
+            if i:
+                copy(shifts[i - 1], shift)
+            last = _rates(structure, maps, loads, s, time + h, state)
+            add_outer(first, shift, -1.0, columns)
+            columns = _columns_after(maps, groups, s, h, columns, mean_rows[i])
+            for a in range(n):
+                if abs(h) * fastest > _SHORT:
+                    later[a] = (state[n + a] - mean[a]) / h
+                else:
+                    later[a] = first[n + a] / 6.0 + last[n + a] / 3.0
+                mean[a] = moved[n + a] / h if h != 0.0 else first[n + a]
             for j in range(c):
-                mean_rows[i, j] = rows[j] + slope[j] * shift + more[j] * lengthen[i]
-            shift = shift + lengthen[i]
+                add(shift, inner(structure.rows[j], mean), mean_rows[i, j])
+                add(lengthen[i], inner(structure.rows[j], later), mean_rows[i, j])
+            add(lengthen[i], 1.0, shift)
+            size = _largest(columns)
             for j in range(k):
-                if np.max(np.abs(columns[:, j])) < _NOTHING * first_size[j]:
-                    columns[:, j] = 0.0
-            for a in range(2 * n):
-                columns[a] = columns[a] + last[a] * shift
-            shifts[i] = shift
-            end_rows[i] = structure.rows @ columns[:n].copy()
+                for a in range(2 * n if size[j] < _NOTHING * first_size[j] else 0):
+                    columns[a, j] = 0.0
+            add_outer(last, shift, 1.0, columns)
+            add_product(structure.rows, columns[:n], end_rows[i])
             if all_columns.size:
-                all_columns[i] = columns
+                for a in range(2 * n):
+                    copy(columns[a], all_columns[i, a])
         time += h
-        state = ends[i].copy()
         if struck[i] >= 0:
             row, kick = structure.rows[struck[i]], structure.kick[struck[i]]
-            state[n:] -= kick * np.sum(row * state[n:]) * row
+            add(row, -kick * inner(row, state[n:]), state[n:])
             if k:
-                speeds = kick * (row @ columns[n:].copy())
+                # All speeds before any of them changes.
+                speeds = np.zeros(k)
                 for a in range(n):
-                    columns[n + a] = columns[n + a] - row[a] * speeds
+                    add(columns[n + a], row[a], speeds)
+                add_outer(row, speeds, -kick, columns[n:])
     return begins, starts, ends, means, shifts, end_rows, mean_rows, columns, sizes

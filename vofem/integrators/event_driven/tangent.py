@@ -72,7 +72,7 @@ def drifted(spectrum: Spectrum, z: Array, v: Array, duration: float) -> tuple[Ar
     """Return changes, each (n, k), after a duration in s of the free motion of a status."""
     z, v = spectrum.to_blocks(z, v, shifted=False)
     delta, p = spectrum.delta, spectrum.p
-    after_z, after_v = turned(delta, p, *turns(delta, p, duration), z, v)
+    after_z, after_v = np.split(turned(delta, p, *turns(delta, p, duration), np.concatenate([z, v])), 2)
     for cluster in () if spectrum.blocks is None else spectrum.blocks.clusters:
         k = cluster.member
         both = np.concatenate([z[k], v[k]])
