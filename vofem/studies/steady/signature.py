@@ -538,11 +538,6 @@ class Signature:
         return values, derived, np.maximum(sizes, 1e-300)
 
     @cached_property
-    def _releases(self) -> bool:
-        """Whether any switch releases a pinned contact, or is one of a slider."""
-        return any(self.statuses[k][contact] >= PINNED for k, (contact, _) in enumerate(self.switches))
-
-    @cached_property
     def _contacts(self) -> NDArray[np.int64]:
         return np.array([contact for contact, _ in self.switches], dtype=np.int64)
 

@@ -32,11 +32,7 @@ _EXACT = 1e-16
 
 #: Length in rad of a touch or stick that has just begun, and of several touches which begin at once, whose equations
 #: are singular at length zero.
-BEYOND, _SEVERAL = 1e-8, 1e-6
-
-#: Longer ones, and the cosines of the angle between the branch and lengths that grow evenly between which they are
-#: needed: where the branch bends from there to other directions, rounding decides.
-_LONGER, _BENDS = (1e-6, 1e-5), (0.14, 0.99999)
+BEYOND, _SEVERAL = 1e-6, 1e-5
 
 #: Steps in scaled coordinates to the first orbit beyond a grazing where forces jump or bodies rebound. Rounding grows
 #: the more the nearer the grazing; the first is taken of which an ordinary run tells that it repeats, or what it lacks.
@@ -639,26 +635,14 @@ def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[i
     lengths, hits = [n + k for k, count in places if count], [k for k, count in places if not count]
     if not laws & {"impact", "jump"}:
         # Where forces are smooth, the parameter changes as squared lengths, or as those of sticks.
-        inner: Point | None = None
-        for length in sorted({_SEVERAL if sum(count for _, count in places) > 1 else BEYOND, *_LONGER}):
-            guess = y.copy()
-            for k, count in places:
-                guess[n + k] = length
-                guess[n + k - count] -= 0.5 * length
-                if k + count < len(chart.switches):
-                    guess[n + k + count] -= 0.5 * length
-            try:
-                inner = _with_length(family, chart, guess, lengths[0], length, near, alone=len(lengths) == 1)
-            except ConvergenceError:
-                if inner is None:
-                    raise
-                break
-            # Rounding may decide the lengths of several touches too, and how they change.
-            grown = (guess - y) / inner.scales
-            bends = _BENDS[0] < abs(grown @ inner.tangent) / np.linalg.norm(grown) < _BENDS[1]
-            if not bends and inner.y[lengths].min() > 0.0:
-                break
-        return inner
+        length = _SEVERAL if sum(count for _, count in places) > 1 else BEYOND
+        guess = y.copy()
+        for k, count in places:
+            guess[n + k] = length
+            guess[n + k - count] -= 0.5 * length
+            if k + count < len(chart.switches):
+                guess[n + k + count] -= 0.5 * length
+        return _with_length(family, chart, guess, lengths[0], length, near, alone=len(lengths) == 1)
     # Elsewhere lengths, speeds and the parameter change together, and the branch has a direction.
     towards = np.zeros(y.size)
     towards[lengths or [-1]] = 1.0
