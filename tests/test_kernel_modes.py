@@ -177,6 +177,21 @@ def test_work_begins_plain_and_is_compiled_if_somebody_wants_it(choice):
     assert not compile_choice.choose("events").compiled
 
 
+def test_steady_states_begin_plain_and_branches_are_compiled_at_once(choice, undecided):
+    mass = vf.Mass(1.0, stiffness=1.0)
+    rest = [vf.Contact(mass, gap=0.1, stiffness=10.0, side="above", acts_on="penetration"), vf.ModalDamping(0.05)]
+
+    def build(omega):
+        return vf.Scene([mass], [*rest, vf.PointLoad(mass, vf.Sine(0.05, omega))])
+
+    plain = vf.periodic(build(1.1)).amplitude(mass)
+    assert choice == []
+    branch = vf.continuation(build, 1.1, 1.11)
+    assert choice == ["steady states"]
+    assert compile_choice.choose("steady states").compiled
+    assert branch.orbits[0].amplitude(mass) == pytest.approx(plain, rel=1e-12)
+
+
 def test_code_on_disk_is_used_sooner(choice, monkeypatch):
     monkeypatch.setattr(compile_choice, "kinds_on_disk", lambda: frozenset({"steps"}))
     assert compile_choice.choose("steps").patience == compile_choice.READING < compile_choice.COMPILING

@@ -43,6 +43,13 @@ STAGES = {
         "vf.simulate(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), 1.0)]), 1.0)",
         {"skfem"},
     ),
+    "orbit": (
+        "stop = vf.Contact(a, gap=0.1, stiffness=10.0, side='above', acts_on='penetration')\n"
+        "driven = vf.Scene([a], [stop, vf.ModalDamping(0.05), vf.PointLoad(a, vf.Sine(0.05, 1.1))])\n"
+        "orbit = vf.periodic(driven)\n"
+        "assert orbit.amplitude(a) > 0.1 and orbit.stable",
+        set(),
+    ),
     "explain": ("from vofem.cli import main\nassert main(['explain', EXAMPLE]) == 0", set()),
     "run": ("assert main(['run', EXAMPLE, '--no-pictures', '--output', FOLDER + '/out']) == 0", set()),
     "series": (

@@ -52,15 +52,18 @@ class Choice:
             _spent[self.kind] = _spent.get(self.kind, 0.0) + seconds
 
 
-def by_need(kind: str) -> Callable[[F], F]:
-    """Let a function run kernels as plain Python if its work is small, unless the user has decided."""
+def by_need(kind: str, *, small: bool = True) -> Callable[[F], F]:
+    """Let a function run kernels as plain Python if its work is small, unless the user has decided.
+
+    `small`: whether its work may be small. Otherwise kernels are compiled at once.
+    """
 
     def decorate(function: F) -> F:
         @wraps(function)
         def call(*arguments: Any, **named: Any) -> Any:
             if decided() is not None:
                 return function(*arguments, **named)
-            choice = choose(kind)
+            choice = choose(kind, None if small else True)
             begun = time.thread_time()
             try:
                 with kernels(compiled=choice.compiled, patience=choice.patience):

@@ -22,6 +22,7 @@ from vofem.blas import one_thread
 from vofem.errors import ArgumentError, ConvergenceError, EventStormError, MethodError
 from vofem.integrators.event_driven.flow import Start, flow, modal_state, modes_of, share_modes
 from vofem.integrators.event_driven.modal_space import ModalSpace
+from vofem.kernels.choice import by_need
 from vofem.laws import CLOSED, OPEN
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.branch import Branch, BranchCounters
@@ -50,6 +51,7 @@ _SOFT, _HARDER = 1e-3, np.log(2.0)
 
 
 @one_thread
+@by_need("steady states", small=False)
 def backbone(
     scene: Scene,
     mode: int,

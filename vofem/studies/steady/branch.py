@@ -17,6 +17,7 @@ from vofem.cards import Saved
 from vofem.errors import ArgumentError
 from vofem.histories import Table
 from vofem.histories.tables import points_of_interest
+from vofem.kernels.choice import by_need
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.special import SpecialPoint
 
@@ -200,6 +201,7 @@ class Branch(Curve):
             )
 
     @one_thread
+    @by_need("steady states", small=False)
     def at(self, value: float) -> list[PeriodicOrbit]:
         """Return all orbits of the branch at exactly this value of the parameter, in the order of the branch.
 
@@ -220,6 +222,7 @@ class Branch(Curve):
         return self._finder("at").at(number("at: value", value))
 
     @one_thread
+    @by_need("steady states", small=False)
     def switch(self, special: SpecialPoint) -> Branch:
         """Return the branch that leaves at a special point.
 

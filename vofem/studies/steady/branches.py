@@ -9,6 +9,7 @@ from vofem._validate import choice, number, whole
 from vofem.blas import one_thread
 from vofem.doubtful import undamped
 from vofem.errors import ArgumentError
+from vofem.kernels.choice import by_need
 from vofem.progress import Progress
 from vofem.scene import Scene
 from vofem.studies.steady.branch import Branch
@@ -19,6 +20,7 @@ from vofem.studies.steady.steady_state import first_orbit
 
 
 @one_thread
+@by_need("steady states", small=False)
 def continuation(
     build: Callable[[float], Scene],
     start: float,

@@ -12,6 +12,7 @@ from vofem._validate import number, whole
 from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.errors import ArgumentError, ConvergenceError, MethodError
+from vofem.kernels.choice import by_need
 from vofem.progress import Progress
 from vofem.scene import Scene
 from vofem.studies.steady.between import Step
@@ -91,6 +92,7 @@ class Locus(Curve):
 
 
 @one_thread
+@by_need("steady states", small=False)
 def locus(
     build: Callable[[float, float], Scene],
     special: SpecialPoint,

@@ -14,6 +14,7 @@ from vofem.arrays import Array, Complex
 from vofem.blas import one_thread
 from vofem.cards import Shown
 from vofem.initial import StoredState
+from vofem.kernels.choice import by_need
 from vofem.lookup import rows_over
 from vofem.result import Result
 from vofem.scene import Scene
@@ -225,6 +226,7 @@ class PeriodicOrbit(Shown):
     # -- what is measured of it -----------------------------------------------------------------------
 
     @one_thread
+    @by_need("steady states")
     def extremes(self, point: Any) -> tuple[float, float]:
         """Return the least and the largest displacement of a point in m, found between samples.
 

@@ -11,6 +11,7 @@ from vofem._validate import choice, whole
 from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.errors import ConvergenceError
+from vofem.kernels.choice import by_need
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.condensed import GOOD
 from vofem.studies.steady.family import METHODS, Family, Interval, chosen, problem_of
@@ -42,6 +43,7 @@ _UNBOUNDED = 1e10
 
 
 @one_thread
+@by_need("steady states")
 def periodic(
     scene: Scene,
     *,
