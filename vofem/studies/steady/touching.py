@@ -32,7 +32,11 @@ _EXACT = 1e-16
 
 #: Length in rad of a touch or stick that has just begun, and of several touches which begin at once, whose equations
 #: are singular at length zero.
-BEYOND, _SEVERAL = 1e-6, 1e-5
+BEYOND, _SEVERAL = 1e-8, 1e-6
+
+#: Longer ones, and the cosines of the angle between the branch and lengths that grow evenly between which they are
+#: needed: where the branch bends from there to other directions, rounding decides.
+_LONGER, _BENDS = (1e-6, 1e-5), (0.14, 0.99999)
 
 #: Steps in scaled coordinates to the first orbit beyond a grazing where forces jump or bodies rebound. Rounding grows
 #: the more the nearer the grazing; the first is taken of which an ordinary run tells that it repeats, or what it lacks.
@@ -49,9 +53,6 @@ _SAME = 0.02
 
 #: Height over the size of the motion up to which touches begin together, and difference of phases over the orbit.
 _TOGETHER, _ALIKE = 1e-13, 1e-6
-
-#: The height for two contacts half an orbit apart: those of a symmetric orbit, whose rounding is not symmetric.
-_MIRRORED = 1e-9
 
 #: Rate of the parameter, in scaled coordinates, that may be rounding beside a grazing.
 _ROUNDED = 1e-8
@@ -564,8 +565,7 @@ def _outside(
     found = [
         Mark(e.contact, e.phase)
         for e in point.evaluation.extremes
-        if abs(e.height) <= (_MIRRORED if _mirrored(chart, mark, e) else _TOGETHER)
-        and not _among(chart, [mark, *own], e.contact, e.phase)
+        if abs(e.height) <= _TOGETHER and not _among(chart, [mark, *own], e.contact, e.phase)
     ]
     margins = chart.margins(point.problem, point.evaluation)
     turns = [own[k] for k, margin in margins.items() if abs(margin) <= _TOGETHER]
@@ -635,14 +635,26 @@ def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[i
     lengths, hits = [n + k for k, count in places if count], [k for k, count in places if not count]
     if not laws & {"impact", "jump"}:
         # Where forces are smooth, the parameter changes as squared lengths, or as those of sticks.
-        length = _SEVERAL if sum(count for _, count in places) > 1 else BEYOND
-        guess = y.copy()
-        for k, count in places:
-            guess[n + k] = length
-            guess[n + k - count] -= 0.5 * length
-            if k + count < len(chart.switches):
-                guess[n + k + count] -= 0.5 * length
-        return _with_length(family, chart, guess, lengths[0], length, near, alone=len(lengths) == 1)
+        inner: Point | None = None
+        for length in sorted({_SEVERAL if sum(count for _, count in places) > 1 else BEYOND, *_LONGER}):
+            guess = y.copy()
+            for k, count in places:
+                guess[n + k] = length
+                guess[n + k - count] -= 0.5 * length
+                if k + count < len(chart.switches):
+                    guess[n + k + count] -= 0.5 * length
+            try:
+                inner = _with_length(family, chart, guess, lengths[0], length, near, alone=len(lengths) == 1)
+            except ConvergenceError:
+                if inner is None:
+                    raise
+                break
+            # Rounding may decide the lengths of several touches too, and how they change.
+            grown = (guess - y) / inner.scales
+            bends = _BENDS[0] < abs(grown @ inner.tangent) / np.linalg.norm(grown) < _BENDS[1]
+            if not bends and inner.y[lengths].min() > 0.0:
+                break
+        return inner
     # Elsewhere lengths, speeds and the parameter change together, and the branch has a direction.
     towards = np.zeros(y.size)
     towards[lengths or [-1]] = 1.0
@@ -730,11 +742,6 @@ def _not_turned(short: Point, outside: Point) -> Point:
 
 def _alike(chart: Signature, one: float, other: float) -> bool:
     return abs((one - other + 0.5 * chart.turn) % chart.turn - 0.5 * chart.turn) <= _ALIKE * chart.turn
-
-
-def _mirrored(chart: Signature, mark: Mark, other: Extreme) -> bool:
-    """Return whether an extreme is where a symmetric orbit, whose second half mirrors the first, has that of a mark."""
-    return other.contact != mark.contact and _alike(chart, other.phase, mark.phase + 0.5 * chart.turn)
 
 
 def _slope(family: Family, point: Point, values: Callable[[Any, Any, Array], Any]) -> Array:
