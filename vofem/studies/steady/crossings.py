@@ -59,8 +59,8 @@ _NARROWED, _MOVED = 1e-2, 1e-4
 #: to which a change of sign there tells its place.
 _OTHER, _CLOSE = 1e-11, 1e-9
 
-#: Evaluations in which a bracket becomes half as long, and how much longer steps become where it does not.
-_SLOW, _FARTHER = 3, 10.0
+#: How much farther the sign on the other side is looked for each time, and by how much values may rise there.
+_FARTHER = 10.0
 
 #: Largest portion of a bracket that is gone at once.
 _MOST = 0.999
@@ -423,18 +423,14 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
     known, every = dict[float, Point](), list[_Place]()
     # The newest place, the one on the other side of the root, and the one that was left out last, with their values.
     a, b, c = (0.0, ends[0]), (1.0, ends[1]), None
-    settled, widths = False, [4.0] * _SLOW
+    settled = False
     try:
         for _ in range(_TRIES):
             width = abs(b[0] - a[0])
             jump = width <= _JUMP and min(abs(a[1]), abs(b[1])) > _STAYS * largest
             if jump or width <= (close if settled else fine):
                 break
-            # Between values of very different sizes interpolation moves one end alone.
-            slow, widths = width > 0.5 * widths[0], [*widths[1:], width]
-            moved = (0.5 if slow else _portion(a, b, c)) * width
-            if slow and c is not None:
-                moved = min(moved, _FARTHER * abs(a[0] - c[0]))
+            moved = _portion(a, b, c) * width
             # A test that only touches zero beside its root is found out by a value on the other side.
             beside = a[0] in known and (settled or moved <= fine)
             if beside:
