@@ -39,7 +39,7 @@ from vofem.studies.steady.census import (
 )
 from vofem.studies.steady.extended import Extended
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.point import Point, derivative_by_value, point_at
+from vofem.studies.steady.point import Point, point_at
 from vofem.studies.steady.shorter import at_flip, repeats
 from vofem.studies.steady.special import SpecialPoint, special_at
 
@@ -399,9 +399,7 @@ def _exact(family: Family, point: Point) -> Point:
     y = np.delete(found, -2)
     if np.linalg.norm((y - point.y) / point.scales) > _NEARBY:
         return point
-    evaluation = point.chart.evaluate(family.of(y), y[:-1])
-    by_value = derivative_by_value(family, point.chart, y, evaluation)
-    return replace(point, y=y, problem=family.of(y), evaluation=evaluation, by_value=by_value)
+    return point_at(family, point.chart, y, point.tangent, scales=point.scales)
 
 
 # -- roots --------------------------------------------------------------------------------------------

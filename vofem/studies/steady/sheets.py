@@ -13,7 +13,7 @@ from vofem.studies.steady.branch import Branch
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.follow import FIRST, Follower
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.point import Point, corrected, derivative_by_value, scales_of
+from vofem.studies.steady.point import Point, corrected, level, point_at
 from vofem.studies.steady.shooting import CLOSES
 from vofem.studies.steady.special import SpecialPoint
 
@@ -150,11 +150,7 @@ class Sheets:
             chart, y = point.chart.doubled(point.y[:-1])
         else:
             chart, y = point.chart, problem.from_orbit(point.orbit())
-        evaluation = chart.evaluate(problem, y)
-        scales = scales_of(family, chart, problem, evaluation)
-        y = np.append(y, point.value)
-        by_value = derivative_by_value(family, chart, y, evaluation)
-        return Point(chart, y, problem, evaluation, scales, by_value, np.zeros_like(y))
+        return point_at(family, chart, np.append(y, point.value), level(y.size + 1))
 
     def _direction(self, family: Family, start: Point, special: SpecialPoint, doubles: bool) -> Array:
         """Return the direction in which the other branch leaves: at a period doubling that of the eigenvector."""

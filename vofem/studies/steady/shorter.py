@@ -10,7 +10,7 @@ from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.extended import Extended
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.point import Point, scales_of
+from vofem.studies.steady.point import Point, level, point_at
 from vofem.studies.steady.shooting import Shooting
 
 #: How far a flip may lie from where the doubled orbits end, as a share of the interval.
@@ -57,11 +57,7 @@ def at_flip(family: Family, point: Point) -> Point:
     if abs(there - point.value) > _NEARBY * family.interval.size:
         return point
     doubled, y = single.doubled(guess)
-    problem = family.at(there)
-    evaluation = doubled.evaluate(problem, y)
-    scales = scales_of(family, doubled, problem, evaluation)
-    y = np.append(y, there)
-    return Point(doubled, y, problem, evaluation, scales, np.zeros(y.size - 1), np.zeros_like(y))
+    return point_at(family, doubled, np.append(y, there), level(y.size + 1))
 
 
 def _later(point: Point, divisor: int) -> Array:
