@@ -35,7 +35,8 @@ _REFUSED, _AIM = np.cos(np.radians(25.0)), np.radians(12.0)
 #: the share of the largest step below which it is not looked at.
 _APART, _LEAST_SHARE = 0.1, 1e-3
 
-#: Cosine of the angle below which a step is rejected at a corner of a branch, and the largest step at a corner.
+#: Cosine of the angle below which a step is rejected at a corner of a branch, and the largest step at a corner. A step
+#: that ends at a grazing may turn as far as it must where it is shorter.
 _CORNER, _SHORT = np.cos(np.radians(80.0)), 1e-4
 
 #: Longest step in which touches may turn into a rest.
@@ -196,8 +197,8 @@ class Follower:
             self._why = f" ({error})"
             return self._ending(now, step)
         if passed is not None and passed.grazed:
-            left = float(np.linalg.norm((passed.before.y - now.y) / now.scales))
-            if left > _NEAR and step > 0.5 * left:
+            left, turns = self._before(now, passed)
+            if (left > _NEAR or turns) and step > 0.5 * left:
                 # Steps become shorter towards a grazing, as they begin short beyond it: special points lie close to it.
                 return now, 0.5 * left
         if passed is not None:
@@ -226,7 +227,16 @@ class Follower:
                 passed = resting(self.family, now, now.y + step * now.tangent * now.scales)
         if passed is None or self.family.interval.beyond(passed.at.value) is not None:
             return None
+        if step > _SHORT and self._before(now, passed)[1]:
+            self._why = " (the branch turns too far in one step)"
+            return None
         return self._passed(now, passed, step)
+
+    @staticmethod
+    def _before(now: Point, passed: Passage) -> tuple[float, bool]:
+        """Return how far ahead a change of the signature lies, and whether the branch turns too far up to there."""
+        left = float(np.linalg.norm((passed.before.y - now.y) / now.scales))
+        return left, left > _SHORT and bool(now.tangent @ passed.before.tangent < _REFUSED)
 
     def _passed(self, now: Point, passed: Passage, step: float) -> tuple[Point, float] | None:
         """Continue beyond a change of the signature."""
