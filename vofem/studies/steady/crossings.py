@@ -148,7 +148,7 @@ def crossings(family: Family, step: Step, earlier: Step | None, notes: list[str]
     known = list(parts[0])
     if earlier is not None:
         known.append(_end(earlier.first, -earlier.length / step.length))
-    found: list[SpecialPoint] = []
+    found, missing = list[SpecialPoint](), False
     for _ in range(_MOST_PARTS):
         if not parts:
             break
@@ -158,18 +158,19 @@ def crossings(family: Family, step: Step, earlier: Step | None, notes: list[str]
         ends = list(_sides(low, high, inside))
         least = _SINGULAR if "branch_point" in (low.kind, high.kind) else _NARROW
         long = (high.place - low.place) * step.length > least
-        if not inside and long and (_differs(low, high) or _doubtful(known, low, high)):
+        if not inside and long and ((differs := _differs(low, high)) or _doubtful(known, low, high)):
             ends = _cut(family, low, high)
+            missing |= differs and not ends
         found += inside
         known += ends
         if ends:
             ends = [low, *ends, high]
             parts += list(zip(ends[::2], ends[1::2], strict=True))
-    if parts:
+    if parts or missing:
         begin, end = sorted((step.first.value, step.last.value))
         notes.append(
-            f"special points between {begin:.12g} and {end:.12g} may be missing: multipliers change too quickly "
-            "there; follow this interval alone with a smaller max_step= to find them"
+            f"special points between {begin:.12g} and {end:.12g} may be missing: multipliers or orbits change too "
+            "quickly there; follow this interval alone with a smaller max_step= to find them"
         )
     return sorted(found, key=lambda one: one.place)
 

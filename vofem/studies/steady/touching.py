@@ -57,6 +57,10 @@ _TOGETHER, _ALIKE = 1e-13, 1e-6
 #: Rate of the parameter, in scaled coordinates, that may be rounding beside a grazing.
 _ROUNDED = 1e-8
 
+#: Rate at which an extreme moves away from its gap, over the size of the motion and in scaled coordinates, that may be
+#: rounding.
+_LEAVES = 1e-5
+
 #: Share of a step beyond its end up to which a change may lie, and distance before its begin that is rounding.
 _OUTSIDE, _BEHIND = 0.05, 1e-8
 
@@ -480,8 +484,7 @@ def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple
     nearer = _watched(before)
     if any(not 0.0 < nearer[pair][0] < values[pair][0] for pair in pairs):
         before = now
-    # The branch goes on where what has ended moves away.
-    if _away_along(family, outer, ended[:1])[0] < 0.0:
+    if _opposed(family, before, outer, ended[0]):
         outer = outer.turned()
     others = [mark for mark in every if mark not in ended]
     laws = {_law(now.problem, mark.contact) for mark in others}
@@ -490,6 +493,20 @@ def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple
         # Those that touched no longer do, and those that did not begin to: so this branch crosses that without touches.
         beyond = None if "impact" in laws else _inside(family, outer, others)
     return Passage(_not_turned(before, outer), outer, beyond, _contacts(every)), pairs
+
+
+def _opposed(family: Family, before: Point, outer: Point, ended: Mark) -> bool:
+    """Return whether the orbit outside has the direction from which a branch comes, and not that in which it goes on.
+
+    The branch goes on where what has ended moves away. Where that is rounding, and forces are smooth, states change
+    evenly through a grazing; beside a stiff contact they do so within a length that is rounding only.
+    """
+    away = float(_away_along(family, outer, [ended])[0])
+    if _law(outer.problem, ended.contact) != "smooth" or abs(away) > _LEAVES * outer.evaluation.size_of(ended.contact):
+        return away < 0.0
+    own = [*range(outer.problem.size), -1]
+    come, gone = ((point.tangent * point.scales)[own] / outer.scales[own] for point in (before, outer))
+    return bool(come @ gone < 0.0)
 
 
 def _contacts(marks: Sequence[Mark]) -> tuple[int, ...]:
