@@ -226,7 +226,13 @@ def followed(case, start, stop, patience=PATIENCE):
     try:
         _pressed(patience)
         branch = vf.continuation(case.build, start, stop)
-    except (OutOfTimeError, KeyboardInterrupt):
+    except (OutOfTimeError, KeyboardInterrupt, SystemError) as error:
+        # Where the clock rings while numba reads arguments, Python tells of a SystemError that it has caused.
+        cause: BaseException | None = error
+        while isinstance(cause, SystemError):
+            cause = cause.__cause__
+        if cause is None:
+            raise
         return Outcome("limit", "time", seconds=time.process_time() - begun)
     except ConvergenceError as error:
         kind = "no start" if "no orbit was found" in str(error) else "error"
