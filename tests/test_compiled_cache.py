@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from orbit_scenes import bilinear
 from scenes import paper_beam
 
 import vofem as vf
@@ -157,11 +158,23 @@ def test_processes_that_compile_at_once_do_no_harm(tmp_path):
     assert begin(*kinds).communicate()[0] == "3\n"
 
 
-def test_the_bar_says_that_it_compiles(monkeypatch):
-    class Terminal(io.StringIO):
-        def isatty(self):
-            return True
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
 
+
+def test_the_bar_of_a_branch_says_that_it_compiles(monkeypatch):
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
+    with kernels(compiled=True):
+        vf.continuation(bilinear, 1.0, 1.01)
+        assert "once on this machine" not in screen.getvalue()
+    with kernels(compiled=True, first=True):
+        vf.continuation(bilinear, 1.0, 1.01)
+    assert "compiling steady states, once on this machine" in screen.getvalue()
+
+
+def test_the_bar_says_that_it_compiles(monkeypatch):
     screen = Terminal()
     monkeypatch.setattr(sys, "stderr", screen)
     with RunProgress(10.0, None, None, 60.0, "compiling event_driven, once on this machine") as watcher:

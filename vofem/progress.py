@@ -15,6 +15,9 @@ _PATIENCE = 1.0
 #: Seconds of wall time between two changes of a bar.
 _REFRESH = 0.1
 
+#: What a bar says while kernels are compiled, with the kind of work.
+COMPILING = "compiling {}, once on this machine"
+
 #: Type of the argument `progress`.
 Progress = bool | Callable[[float, float], None] | None
 

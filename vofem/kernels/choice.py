@@ -66,11 +66,11 @@ def by_need(kind: str, *, small: bool = True) -> Callable[[F], F]:
             choice = choose(kind, None if small else True)
             begun = time.thread_time()
             try:
-                with kernels(compiled=choice.compiled, patience=choice.patience):
+                with kernels(compiled=choice.compiled, patience=choice.patience, first=choice.first):
                     result = function(*arguments, **named)
             except Outgrown:
                 choice = choice.instead()
-                with kernels(compiled=True):
+                with kernels(compiled=True, first=choice.first):
                     result = function(*arguments, **named)
             choice.done(time.thread_time() - begun)
             return result

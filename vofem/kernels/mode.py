@@ -26,10 +26,11 @@ class Outgrown(Exception):  # noqa: N818
 
 
 class _Mode(NamedTuple):
-    """How kernels run, and when (by `time.thread_time`) work in plain Python gives up."""
+    """How kernels run, when (by `time.thread_time`) work in plain Python gives up, and whether it compiles first."""
 
     compiled: bool
     deadline: float
+    first: bool = False
 
 
 def _asked() -> _Mode | None:
@@ -59,6 +60,12 @@ def compiled() -> bool:
     return mode is None or mode.compiled
 
 
+def compiling_first() -> bool:
+    """Return whether the kernels of this work are compiled now, because they are not on disk."""
+    mode = _MODE.get()
+    return mode is not None and mode.first
+
+
 def check_patience() -> None:
     """Raise where work in plain Python has taken longer than it may.
 
@@ -70,13 +77,14 @@ def check_patience() -> None:
 
 
 @contextlib.contextmanager
-def kernels(*, compiled: bool, patience: float = float("inf")) -> Iterator[None]:
+def kernels(*, compiled: bool, patience: float = float("inf"), first: bool = False) -> Iterator[None]:
     """Run all kernels that are called within as compiled code, or as plain Python.
 
     `patience`: seconds of processor time after which work in plain Python ends in `Outgrown`, at the next call of a
     kernel. On a busy machine compiling would take longer too, so wall time does not count.
+    `first`: whether they are not on disk, so that compiling them comes first.
     """
-    before = _MODE.set(_Mode(compiled, time.thread_time() + patience))
+    before = _MODE.set(_Mode(compiled, time.thread_time() + patience, first))
     try:
         yield
     finally:

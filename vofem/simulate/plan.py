@@ -19,7 +19,7 @@ from vofem.integrators.registry import method_named
 from vofem.kernels.choice import choose
 from vofem.kernels.mode import Outgrown, decided, kernels
 from vofem.laws.law import FEWEST_IN_BAND
-from vofem.progress import Progress, RunProgress
+from vofem.progress import COMPILING, Progress, RunProgress
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.methods import cheaper, exact_instead, note_cost
@@ -72,7 +72,7 @@ def run_plan(
     while True:
         planned = replace(plan, compiled=asked, ran=choice.compiled)
         save = None if writer is None else writer(planned)
-        first = _COMPILING.format(plan.method) if choice.first else ""
+        first = COMPILING.format(plan.method) if choice.first else ""
         begun = time.thread_time()
         try:
             with (
@@ -88,10 +88,6 @@ def run_plan(
         if not (result.interrupted and choice.first):
             choice.done(time.thread_time() - begun)
         return result
-
-
-#: What a progress bar says while kernels are compiled.
-_COMPILING = "compiling {}, once on this machine"
 
 
 def kind_of_run(method: Method, system: System) -> str:

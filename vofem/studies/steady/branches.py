@@ -10,11 +10,12 @@ from vofem.blas import one_thread
 from vofem.doubtful import undamped
 from vofem.errors import ArgumentError
 from vofem.kernels.choice import by_need
-from vofem.progress import Progress
+from vofem.kernels.mode import compiling_first
+from vofem.progress import COMPILING, Progress, TerminalBar
 from vofem.scene import Scene
 from vofem.studies.steady.branch import Branch
 from vofem.studies.steady.family import METHODS, Family, Interval
-from vofem.studies.steady.follow import LARGEST, Follower
+from vofem.studies.steady.follow import LARGEST, REPORTED, Follower
 from vofem.studies.steady.sheets import branch_of
 from vofem.studies.steady.steady_state import first_orbit
 
@@ -94,7 +95,10 @@ def continuation(
         max_seconds = number("continuation: max_seconds", max_seconds, positive=True)
     family = Family("continuation", build, Interval(start, stop), method, periods, harmonics)
     problem = family.at(start)
-    problem, found, notes = first_orbit("continuation", problem, guess)
+    with TerminalBar(("continuation", REPORTED), progress, 1.0, "") as bar:
+        if compiling_first():
+            bar.update(0.0, COMPILING.format("steady states"), at_once=True)
+        problem, found, notes = first_orbit("continuation", problem, guess)
     family.begin_with(problem, start)
     walker = Follower(family, largest=max_step, most=max_points, seconds=max_seconds)
     walker.notes += [*notes, *undamped(problem.scene.model.system)]

@@ -39,6 +39,9 @@ _APART, _LEAST_SHARE = 0.1, 1e-3
 #: that ends at a grazing may turn as far as it must where it is shorter.
 _CORNER, _SHORT = np.cos(np.radians(80.0)), 1e-4
 
+#: What a function given as `progress` is called with.
+REPORTED = "the value reached and stop"
+
 #: Longest step in which touches may turn into a rest.
 _RESTING = 1e-3
 
@@ -436,10 +439,9 @@ def charted(problem: Any, unknowns: Array) -> tuple[Any, Array]:
 @contextlib.contextmanager
 def branch_progress(interval: Interval, progress: Progress, what: str) -> Iterator[Callable[[float], bool]]:
     """Give a function that shows the parameter's value reached and returns whether Ctrl-C was pressed."""
-    label = what, "the value reached and stop"
     counting = "{task.completed:.4g} of {task.total:.4g} along the interval"
     farthest = 0.0
-    with TerminalBar(label, progress, interval.size, counting) as bar, deferred_interrupts() as interrupted:
+    with TerminalBar((what, REPORTED), progress, interval.size, counting) as bar, deferred_interrupts() as interrupted:
 
         def report(value: float) -> bool:
             nonlocal farthest
