@@ -83,6 +83,7 @@ def test_the_card_of_a_scene_and_of_what_will_be_done(scene):
     assert picture is None
 
 
+@pytest.mark.kernels("compiled")
 def test_the_cards_of_orbits_and_branches():
     orbit = vf.periodic(bilinear(1.0))
     text, picture = checked(orbit._repr_html_())
