@@ -47,8 +47,7 @@ def continuation(
     ----------
     build : callable
         Returns the scene at a value of the parameter. All scenes have bodies and effects of the same names on the same
-        mesh. For derivatives it is also called at values that are a millionth of the interval away from points of the
-        branch.
+        mesh. It need not have scenes beyond the interval: where it raises an error there, a shorter step is taken.
     start, stop : float
         Values of the parameter between which the branch is followed.
     periods : int

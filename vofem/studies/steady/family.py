@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from vofem.arrays import Array
-from vofem.errors import ArgumentError
+from vofem.errors import ArgumentError, ConvergenceError, VofemError
 from vofem.scene import Scene
 from vofem.studies.steady.problem import OrbitProblem, Work
 from vofem.studies.steady.rebuild import recompiled
@@ -105,7 +105,12 @@ class Family:
         known = self._known.get(values)
         if known is not None:
             return known
-        scene = self.build(*values)
+        try:
+            scene = self.build(*values)
+        except (VofemError, ValueError, ArithmeticError) as error:
+            if self.interval.beyond(values[-1]) is None:
+                raise
+            raise ConvergenceError(f"there is no scene at {values[-1]:.9g}, beyond the interval ({error})") from error
         if not isinstance(scene, Scene):
             shown = ", ".join(f"{value:g}" for value in values)
             raise ArgumentError(f"{self.what}: build({shown}) returned {scene!r}, expected a vofem.Scene")

@@ -51,6 +51,9 @@ _NEAR = 0.03
 #: Condition of the equations of an orbit above which rounding decides directions.
 _MAGNIFIES = 1e13
 
+#: Share of its largest motion at which a branch ends: where nothing moves, no size tells orbits from each other.
+_VANISHED = 1e-9
+
 #: Factors by which a step may change.
 _SHRINK, _GROW = 0.4, 2.0
 
@@ -142,8 +145,16 @@ class Follower:
 
     def _walk(self, now: Point, step: float, report: Callable[[float], bool]) -> None:
         """Follow the branch from a point."""
-        begun = time.monotonic()
+        begun, largest = time.monotonic(), 0.0
         while not self._over:
+            size = float(np.linalg.norm(now.y[: now.problem.size]))
+            largest = max(largest, size)
+            if size < _VANISHED * largest:
+                self.notes.append(
+                    f"the {self.noun} ends at {now.value:.6g}, where the motion vanishes: it is {size / largest:.0e} of "
+                    "the largest one. To go on, begin beyond"
+                )
+                return
             if len(self.points) >= self.most:
                 self._stopped(now, f"the {self.noun} was followed for {self.most} points; raise max_points to go on")
                 return
@@ -155,7 +166,11 @@ class Follower:
                 self.interrupted = True
                 self._stopped(now, f"interrupted at {now.value:.9g}: what was found until then is here")
                 return
-            after = self._advanced(now, step)
+            step, end = self._within(now, step)
+            if end is not None and step <= 0.0:
+                self._ended(end)
+                break
+            after = self._advanced(now, step, end)
             if after is None:
                 self._count("rejected_flows")
                 step *= _SHRINK
@@ -184,14 +199,22 @@ class Follower:
             "vofem.continuation(..., guess=) with a run there that has settled, or with periods="
         )
 
-    def _advanced(self, now: Point, step: float) -> tuple[Point, float] | None:
-        """Return the next point and step, or None where the step was too long."""
+    def _within(self, now: Point, step: float) -> tuple[float, float | None]:
+        """Return a step that does not leave the interval, and the end of the interval if it leads there."""
+        ahead = float(self._predicted(now, step)[-1])
+        end = self.family.interval.beyond(ahead)
+        return (step, None) if end is None else (step * (end - now.value) / (ahead - now.value), end)
+
+    def _advanced(self, now: Point, step: float, end: float | None) -> tuple[Point, float] | None:
+        """Return the next point, at an end of the interval where that is given, and step; None where it is too long."""
         chart = now.chart
         guess = self._predicted(now, step)
+        if end is not None:
+            guess[-1] = end
         try:
-            y, evaluation = self._corrected(now, guess, step)
+            y, evaluation = self._corrected(now, guess, step, end is not None)
             after = self._accepted(now, y, evaluation, step)
-            if after is None:
+            if after is None or (end is not None and after.tangent[-1] * (end - now.value) < 0.0):
                 return self._ending(now, step)
             passed = None
             if chart.segmented:
@@ -206,11 +229,10 @@ class Follower:
                 return now, 0.5 * left
         if passed is not None:
             return self._passed(now, passed, step)
-        end = self.family.interval.beyond(after.value)
-        if end is not None:
-            return self._last(now, after, end)
         angle = float(np.arccos(np.clip(now.tangent @ after.tangent, -1.0, 1.0)))
         self._take(Step(now, after))
+        if end is not None and not self._over:
+            self._ended(end)
         if self._over or self._closed(now, after):
             return after, step
         factor = float(np.clip(_AIM / max(angle, 1e-3), 0.5, _GROW))
@@ -244,9 +266,8 @@ class Follower:
     def _passed(self, now: Point, passed: Passage, step: float) -> tuple[Point, float] | None:
         """Continue beyond a change of the signature."""
         last = passed.before
-        end = self.family.interval.beyond(last.value)
-        if end is not None:
-            return self._last(now, last, end)
+        if self.family.interval.beyond(last.value) is not None:
+            return None
         if np.any(last.y != now.y):
             self._take(Step(now, last))
             if self._over or self._closed(now, last):
@@ -302,12 +323,12 @@ class Follower:
         known = [-length, -length, 0.0, 0.0], [place, place, here, here], [tangent, now.tangent]
         return interpolated(*known, step) * now.scales
 
-    def _corrected(self, now: Point, guess: Array, step: float) -> tuple[Array, Any]:
-        """Return the orbit near a guess."""
+    def _corrected(self, now: Point, guess: Array, step: float, held: bool) -> tuple[Array, Any]:
+        """Return the orbit near a guess; `held`: at its value of the parameter."""
         slope, earlier = now.tangent[-1], self._earlier(now)
         bend = 0.0 if earlier is None else (slope - earlier[1][-1]) / earlier[2]
-        held = isinstance(now.chart, Signature) and steady(slope, slope + step * bend)
-        normal = level(guess.size, np.sign(slope)) if held else now.tangent
+        held = held or (isinstance(now.chart, Signature) and steady(slope, slope + step * bend))
+        normal = level(guess.size, np.copysign(1.0, slope)) if held else now.tangent
         return corrected(self.family, now.chart, guess, now.scales, normal, now.by_value, near=now.evaluation)
 
     def _accepted(self, now: Point, y: Array, evaluation: Any, step: float) -> Point | None:
@@ -398,20 +419,8 @@ class Follower:
         self.notes.append(f"the {self.noun} is closed: it has come back to its first orbit at {points[0].value:.12g}")
         return True
 
-    def _last(self, now: Point, after: Point, end: float) -> tuple[Point, float] | None:
-        """Take the point at an end of the interval; the branch is over."""
-        share = (end - now.value) / (after.value - now.value)
-        guess = now.y + share * (after.y - now.y)
-        guess[-1] = end
-        try:
-            near = now.evaluation
-            y, evaluation = corrected(self.family, now.chart, guess, now.scales, None, now.by_value, near=near)
-            last = point_at(self.family, now.chart, y, now.tangent, evaluation)
-            if now.chart.segmented and passage(self.family, now, last) is not None:
-                return None
-        except ConvergenceError:
-            return None
-        self._take(Step(now, last))
+    def _ended(self, end: float) -> None:
+        """Let the branch be over at an end of the interval."""
         self._over = True
         values = [point.value for point in self.points]
         if end == self.family.interval.start and len(values) > 1:
@@ -420,7 +429,6 @@ class Follower:
                 f"the {self.noun} turned near {farthest:.12g} and left the interval through its own start, at "
                 f"{end:.12g}"
             )
-        return last, 0.0
 
 
 class Quiet(Follower):

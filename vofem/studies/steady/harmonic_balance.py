@@ -86,7 +86,7 @@ class HarmonicEvaluation:
     @property
     def scales(self) -> Array:
         """Sizes of the unknowns, shape (n,)."""
-        return np.full(self.residual.size, max(self.size, np.finfo(float).tiny))
+        return np.full(self.residual.size, self.size if self.size > 0.0 else 1.0)
 
     @property
     def error(self) -> float:

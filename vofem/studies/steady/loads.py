@@ -51,7 +51,11 @@ def load_period(what: str, system: System, period: float | None = None) -> LoadP
     varies and no period is given.
     """
     refuse_travelling(what, system)
-    frequencies = [(load, w) for load in system.loads for w in _frequencies(what, load, period)]
+    # Where no load varies, because all amplitudes are 0 here, they have a period all the same.
+    for still in (False, True):
+        frequencies = [(load, w) for load in system.loads for w in _frequencies(what, load, period, still)]
+        if frequencies:
+            break
     if period is not None:
         omega = 2.0 * np.pi / number(f"{what}: period", period, positive=True)
         # To the last bit where the given period is that of a load.
@@ -86,11 +90,14 @@ def _harmonic(load: Load, period: float) -> Piece | None:
     return piece if piece.slope == piece.curvature == piece.jerk == 0.0 else None
 
 
-def _frequencies(what: str, load: Load, period: float | None) -> list[float]:
-    """Return the angular frequencies of a load's harmonics; none where it has no closed form."""
+def _frequencies(what: str, load: Load, period: float | None, still: bool = False) -> list[float]:
+    """Return the angular frequencies of a load's harmonics, also of those of amplitude 0 if `still`.
+
+    There are none where the load has no closed form.
+    """
     function = load.function
     if isinstance(function, TimeFunction) and function.closed_form:
-        return [w for w, amplitude in function.piece(0.0).harmonics if w > 0.0 and amplitude != 0.0]
+        return [w for w, amplitude in function.piece(0.0).harmonics if w > 0.0 and (still or amplitude != 0.0)]
     if period is None:
         raise ArgumentError(
             f"{what}: {load.name} is a function whose period is not known; give period= in s, or write the load "

@@ -56,7 +56,7 @@ def orbit_near(problem: Shooting, guess: Array | None, steps: int = _STEPS, *, o
     def run() -> tuple[Signature, Array]:
         return signature_at(problem, problem.from_orbit(orbit) if guess is None else guess)
 
-    known = _segments(problem, orbit)
+    known, none = _segments(problem, orbit), ""
     now, change = _evaluated(problem, *(known or run()))
     for _ in range(steps):
         if np.isfinite(change):
@@ -64,6 +64,7 @@ def orbit_near(problem: Shooting, guess: Array | None, steps: int = _STEPS, *, o
             if found is not None:
                 if found.repeats:
                     return Solved(found.chart.unknowns(problem, found.y, found), found)
+                none = f"what was found does not repeat under an ordinary run, by {found.closing:.1e} of the motion"
                 # Another signature is nearer to an orbit if it changes less.
                 if found.closing < 0.5 * change:
                     now, change = _evaluated(problem, *signature_of(problem, found.chart.flow(problem, found.y)))
@@ -76,7 +77,7 @@ def orbit_near(problem: Shooting, guess: Array | None, steps: int = _STEPS, *, o
         if moved is None:
             break
         now, change = _evaluated(problem, *signature_of(problem, moved))
-    raise ConvergenceError(f"Newton's method left a residual of {change:.2e} of the motion")
+    raise ConvergenceError(none or f"Newton's method left a residual of {change:.2e} of the motion")
 
 
 def _segments(problem: Shooting, orbit: Any) -> tuple[Signature, Array, Array] | None:

@@ -269,8 +269,20 @@ class SignatureEvaluation:
         """
         if self._comes_back(*self._ran):
             return True
+        if not self._as_begun:
+            return False
         flow = self.chart.flow(self.problem, self.y)
         return self._comes_back(self.chart.follows(self.y, flow), self._missed(flow, self.y[: self.problem.size]))
+
+    @property
+    def _as_begun(self) -> bool:
+        """Whether the contacts are open or closed at the phase of `y` as the signature says; a run takes its word."""
+        laws = self.problem.system.contacts
+        assert laws is not None
+        z, _ = self.problem.to_modes(self.y[: self.problem.size])
+        inside = (self.problem.space.contacts @ z - laws.gap) / self.size_of(range(len(laws)))
+        start = np.array(self.chart.start)
+        return bool(np.all(np.where(start == CLOSED, -inside, inside)[start < PINNED] <= CLOSES))
 
     def _comes_back(self, follows: bool, away: float) -> bool:
         return follows and (away <= CLOSES or away <= self.rounding)

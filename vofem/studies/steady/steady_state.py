@@ -244,9 +244,8 @@ def _raised(problem: Any) -> tuple[Solved, str]:
         return problem.scene.compiled_as(replace(model, system=system))
 
     method, harmonics = ("shooting", None) if isinstance(problem, Shooting) else ("harmonic_balance", problem.harmonics)
-    family = Family(
-        problem.what, build, Interval(0.0, 1.0), method, problem.periods, harmonics, problem.work, problem.period
-    )
+    interval = Interval(_SHARES[-1], 1.0)
+    family = Family(problem.what, build, interval, method, problem.periods, harmonics, problem.work, problem.period)
     family.begin_with(problem, 1.0)
     begun, failed = None, ""
     for share in _SHARES:
