@@ -86,9 +86,11 @@ _BESIDE = 0.02
 #: their length close to a grazing.
 _CUTS = (0.5, 0.2, 0.8, 0.05, 0.95)
 
-#: Parts of a step that are looked at, and the length of one, in scaled coordinates, at which rounding decides: at all,
-#: and beside a branch point, where the equations are singular.
-_MOST_PARTS, _NARROW, _SINGULAR = 500, 1e-9, 1e-5
+#: Parts of a step that are looked at, and the length of one, in scaled coordinates, at which rounding decides.
+_MOST_PARTS, _NARROW = 500, 1e-9
+
+#: Distance from a branch point, where the equations are singular, up to which rounding decides what a part tells.
+_SINGULAR = 2e-4
 
 #: Error of a prediction that is allowed, as a share of the distance from the unit circle.
 _ALLOWED = 0.3
@@ -153,11 +155,13 @@ def crossings(family: Family, step: Step, earlier: Step | None, notes: list[str]
         if not parts:
             break
         low, high = parts.pop(0)
+        branched = [one.place for one in known if one.kind == "branch_point"]
+        if any(max(abs(low.place - at), abs(high.place - at)) * step.length <= _SINGULAR for at in branched):
+            continue
         apart = high.place - low.place > _TOGETHER and max(map(abs, _changes(low.counts, high.counts) or (0,))) > 1
         inside = [] if apart else _single(family, low, high)
         ends = list(_sides(low, high, inside))
-        least = _SINGULAR if "branch_point" in (low.kind, high.kind) else _NARROW
-        long = (high.place - low.place) * step.length > least
+        long = (high.place - low.place) * step.length > _NARROW
         if not inside and long and ((differs := _differs(low, high)) or _doubtful(known, low, high)):
             ends = _cut(family, low, high)
             missing |= differs and not ends
@@ -308,8 +312,10 @@ def _changes(a: Census | None, b: Census | None) -> Census | None:
 
 
 def _single(family: Family, low: _End, high: _End) -> list[SpecialPoint]:
-    """Return the special points of a part that its ends tell of, in the order of the branch.
+    """Return the special points of one kind in a part that its ends tell of, in the order of the branch.
 
+    Others are found in the parts between them: a fold may bring a second real multiplier outside, with which another
+    one becomes a pair, and none of this pair passes the circle.
     A part that begins or ends at a point of the same kind is cut before, because a function is zero there.
     """
     found: list[SpecialPoint] = []
@@ -329,9 +335,9 @@ def _single(family: Family, low: _End, high: _End) -> list[SpecialPoint]:
         elif passed:
             found += _located(family, step, "branch_point", at_one, passed)
     if changes is not None:
-        if 1 not in known:
+        if not found and 1 not in known:
             found += _located(family, step, "period_doubling", real_at(-1.0), changes.minus)
-        if 2 not in known:
+        if not found and 2 not in known:
             without_loss = pair_on_circle(step.first) and pair_on_circle(step.last)
             at_pair = collision if without_loss else pair
             found += _located(family, step, "neimark_sacker", at_pair, changes.pairs)
