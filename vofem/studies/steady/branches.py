@@ -84,8 +84,10 @@ def continuation(
     if not callable(build):
         raise ArgumentError(f"continuation: build is {build!r}, expected a function that returns a Scene at a value")
     start, stop = number("continuation: start", start), number("continuation: stop", stop)
-    if start == stop:
-        raise ArgumentError(f"continuation: start and stop are both {start:g}; expected an interval, or vofem.periodic")
+    if Interval(start, stop).empty:
+        raise ArgumentError(
+            f"continuation: start and stop are both {start:.15g}; expected an interval, or vofem.periodic"
+        )
     choice("continuation: method", method, METHODS)
     periods = whole("continuation: periods", periods)
     max_points = whole("continuation: max_points", max_points)

@@ -16,6 +16,9 @@ from vofem.studies.steady.shooting import Shooting, shooting_refusal
 #: Methods that find orbits.
 METHODS = ("auto", "shooting", "harmonic_balance")
 
+#: Length of an interval, as a share of its ends, that is rounding.
+_ROUNDED = 1e-13
+
 #: Problems that are kept, by the value of the parameter.
 _KEPT = 8
 
@@ -72,6 +75,11 @@ class Interval:
     def way(self) -> float:
         """1 where the parameter grows from start to stop, else -1."""
         return 1.0 if self.stop > self.start else -1.0
+
+    @property
+    def empty(self) -> bool:
+        """Whether both ends are the same number up to rounding."""
+        return self.size <= _ROUNDED * max(abs(self.start), abs(self.stop))
 
     def beyond(self, value: float) -> float | None:
         """Return the end that a value lies beyond, or None."""

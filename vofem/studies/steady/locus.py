@@ -151,8 +151,8 @@ def locus(
             f"{', '.join(KINDS)}"
         )
     start, stop = number("locus: start", start), number("locus: stop", stop)
-    if start == stop:
-        raise ArgumentError(f"locus: start and stop are both {start:g}; expected an interval of the other parameter")
+    if Interval(start, stop).empty:
+        raise ArgumentError(f"locus: start and stop are both {start:.15g}; expected an interval of the other parameter")
     max_points = whole("locus: max_points", max_points)
     max_step = number("locus: max_step", max_step, positive=True)
     if max_seconds is not None:

@@ -92,6 +92,12 @@ class Shooting(OrbitProblem):
         n = self.space.size
         self.reference: Shooting = self if earlier is None else earlier.reference
         self.frame: Array | None = None
+        laws, others = (len(one.space.contacts) for one in (self, self.reference))
+        if laws != others:
+            raise MethodError(
+                f"{what}: the scene has {laws} contacts and sliders, and {others} at another value of the parameter; "
+                "build the same ones for all values, with a wide gap where a contact is not to act"
+            )
         if not shared and self.reference is not self:
             if self.reference.space.size != n:
                 raise MethodError(
