@@ -214,18 +214,21 @@ class _Loaded:
             _scene("", next(p for p in self._kept["problems"] if p), self._folder)
         tables = [dict(_leaves(tomllib.loads(text), ())) for text in texts]
         found: dict[tuple[Any, ...], Polynomial] = {}
-        for place, first in tables[0].items():
-            entries = [table.get(place) for table in tables]
-            if entries.count(first) == count:
+        for place in dict.fromkeys(place for table in tables for place in table):
+            # A scene leaves a number out that is the default.
+            known = [k for k, table in enumerate(tables) if place in table]
+            entries = [tables[k][place] for k in known]
+            if entries.count(entries[0]) == count:
                 continue
             if any(isinstance(entry, bool) or not isinstance(entry, int | float) for entry in entries):
                 raise ArgumentError(
                     f"at: {_path(place)} of the scenes changes along the branch and is no number; {_AGAIN}"
                 )
-            numbers = np.array(entries, dtype=float)
-            for degree in range(1, _DEGREE + 1):
-                fitted = Polynomial.fit(self._values, numbers, degree)
-                if np.max(np.abs(fitted(self._values) - numbers)) <= _ROUNDING * np.max(np.abs(numbers)):
+            at, numbers = self._values[known], np.array(entries, dtype=float)
+            highest = _DEGREE if len(known) == count else min(_DEGREE, len(known) - 2)
+            for degree in range(1, highest + 1):
+                fitted = Polynomial.fit(at, numbers, degree)
+                if np.max(np.abs(fitted(at) - numbers)) <= _ROUNDING * np.max(np.abs(numbers)):
                     found[place] = fitted
                     break
             else:
@@ -233,13 +236,13 @@ class _Loaded:
                     f"at: {_path(place)} of the scenes is no polynomial in the branch's parameter up to degree "
                     f"{_DEGREE}, so the file does not tell it between its orbits; {_AGAIN}"
                 )
-        if any(table.keys() != tables[0].keys() for table in tables):
-            raise ArgumentError(f"at: the scenes of the branch differ in more than numbers; {_AGAIN}")
         return found
 
     def build(self, value: float) -> Scene:
         """Return the scene at a value of the parameter."""
-        text = self._kept["scenes"][0]
+        text = self._kept["scenes"][int(np.argmin(np.abs(self._values - value)))]
+        if value in self._values:
+            return _scene(text, "", self._folder)
         numbers = {place: float(number(value)) for place, number in self._numbers.items()}
         return _scene(text, "", self._folder, changed(tomllib.loads(text), numbers))
 

@@ -86,6 +86,11 @@ class Interval:
         low, high = min(self.start, self.stop), max(self.start, self.stop)
         return low if value < low else high if value > high else None
 
+    def left(self, value: float) -> bool:
+        """Return whether a value lies beyond an end by more than rounding."""
+        end = self.beyond(value)
+        return end is not None and abs(value - end) > _ROUNDED * max(self.size, abs(end))
+
 
 @dataclass
 class Family:

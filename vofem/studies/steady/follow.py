@@ -250,7 +250,7 @@ class Follower:
         if passed is None and step <= _RESTING:
             with contextlib.suppress(ConvergenceError, np.linalg.LinAlgError):
                 passed = resting(self.family, now, now.y + step * now.tangent * now.scales)
-        if passed is None or self.family.interval.beyond(passed.at.value) is not None:
+        if passed is None or self.family.interval.left(passed.at.value):
             return None
         if step > _SHORT and self._before(now, passed)[1]:
             self._why = " (the branch turns too far in one step)"
@@ -266,7 +266,7 @@ class Follower:
     def _passed(self, now: Point, passed: Passage, step: float) -> tuple[Point, float] | None:
         """Continue beyond a change of the signature."""
         last = passed.before
-        if self.family.interval.beyond(last.value) is not None:
+        if self.family.interval.left(last.value):
             return None
         if np.any(last.y != now.y):
             self._take(Step(now, last))

@@ -294,6 +294,8 @@ def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interv
             f"locus: the {kind} of special, found at {value:.12g}, lies at {y[-2]:.12g} in {where}. Expected the scene "
             "for which it was found"
         )
+    # The correction rounds what it holds, and a locus must not begin outside of its interval.
+    y[-1] = interval.start
     return family, point_at(family, chart, y, level(y.size, family.interval.way), solved)
 
 
