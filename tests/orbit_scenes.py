@@ -12,14 +12,22 @@ def bilinear(omega, amplitude=1.0, gap=0.0, acts_on="penetration", damping=0.1):
     return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(amplitude, omega))])
 
 
-def nlvib_03(omega, amplitude=0.1, stiffness=100.0):
-    """NLvib's example 03: two masses, a stop on the first, a load ``cos(omega t)`` on the second."""
+def nlvib_03(
+    omega, amplitude=0.1, stiffness=100.0, *, dashpot=0.03, damping=0.0, phase=np.pi / 2, sides=("above",), pushed=()
+):
+    """NLvib's example 03: two masses, a stop on the first, a load ``cos(omega t)`` on the second.
+
+    `dashpot`, `damping`: dampers between the masses and of the stops. `pushed`: further loads of both masses.
+    """
     a, b = vf.Mass(1.0, name="a"), vf.Mass(1.0, stiffness=1.0, damping=0.03, name="b")
+    names = {"above": "stop", "below": "other"}
+    stop = {"gap": 1.0, "stiffness": stiffness, "damping": damping, "acts_on": "penetration"}
     effects = [
         vf.Spring(a, b, stiffness=1.0),
-        vf.Dashpot(a, b, damping=0.03),
-        vf.Contact(a, gap=1.0, stiffness=stiffness, side="above", acts_on="penetration", name="stop"),
-        vf.PointLoad(b, vf.Sine(amplitude, omega, phase=np.pi / 2)),
+        vf.Dashpot(a, b, damping=dashpot),
+        *(vf.Contact(a, side=side, name=names[side], **stop) for side in sides),
+        vf.PointLoad(b, vf.Sine(amplitude, omega, phase=phase)),
+        *(vf.PointLoad(mass, load) for mass, load in zip((a, b), pushed, strict=False) if load is not None),
     ]
     return vf.Scene([a, b], effects)
 

@@ -67,6 +67,27 @@ def test_levels_by_amplitude_and_in_any_order():
     assert vf.backbone(scene, 1, amplitudes=amplitudes).omega == pytest.approx(by_energy.omega, rel=1e-12)
 
 
+@pytest.mark.parametrize("amplitude", [5e-4, 1e-3, 0.02])
+def test_the_amplitude_beside_a_stop_that_presses(amplitude):
+    """Energies and frequencies follow from two parabolas; small ones begin on the side of the stop."""
+    mass = vf.Mass(1.0, stiffness=10.0, name="m")
+    stop = vf.Contact(mass, gap=-0.01, stiffness=50.0, side="above", acts_on="penetration")
+    orbit = vf.backbone(vf.Scene([mass], [stop]), 1, amplitudes=[amplitude]).orbits[0]
+    (begin,), (speed,) = orbit.state_of("m")
+    assert (abs(begin), speed) == (pytest.approx(amplitude, rel=1e-12), pytest.approx(0.0, abs=1e-12))
+    energy = 5.0 * begin**2 + 25.0 * max(begin + 0.01, 0.0) ** 2
+    low, high = orbit.extremes(mass)
+    for end in (low, high):
+        assert 5.0 * end**2 + 25.0 * max(end + 0.01, 0.0) ** 2 == pytest.approx(energy, rel=1e-10)
+
+
+def test_a_level_below_the_equilibrium_is_told():
+    mass = vf.Mass(1.0, stiffness=10.0, name="m")
+    stop = vf.Contact(mass, gap=-0.01, stiffness=50.0, side="above", acts_on="penetration")
+    with pytest.raises(vf.ConvergenceError, match="below that of the equilibrium"):
+        vf.backbone(vf.Scene([mass], [stop]), 1, energies=[4e-4])
+
+
 def test_a_backbone_that_turns_in_energy():
     """The second mode grazes a stop of 50 N/m, and its energy falls before it grows: orbits beyond are free motions."""
     a, b = vf.Mass(1.0, stiffness=1.0, name="a"), vf.Mass(1.0, stiffness=1.0, name="b")

@@ -6,6 +6,7 @@ the reference data.
 
 import json
 from decimal import Decimal
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -240,6 +241,61 @@ def test_the_parameter_may_be_a_stiffness():
             assert mine == pytest.approx(theirs, abs=1e-10)
 
 
+@pytest.mark.parametrize(
+    ("name", "ends"), [("dashpot", (0.3, 0.0)), ("damping", (2.0, 0.0)), ("stiffness", (200.0, 1.0))]
+)
+def test_scenes_beyond_the_interval_are_not_needed(name, ends):
+    """Negative ones are refused, and the branch arrives all the same; so it does where a function fails there."""
+    amplitude = 0.1 if name == "stiffness" else 0.3
+
+    def build(value):
+        if value < ends[1]:
+            raise ValueError("no scene is known here")
+        return nlvib_03(0.7, amplitude, **{name: value})
+
+    for built in (lambda value: nlvib_03(0.7, amplitude, **{name: value}), build):
+        branch = vf.continuation(built, *ends)
+        assert branch.values[-1] == ends[1]
+        assert not any("lost" in note for note in branch.notes)
+        assert max(orbit.residual for orbit in branch.orbits) < 1e-8
+
+    def broken(value):
+        if value < 0.5 * sum(ends):
+            raise ValueError("no scene is known here")
+        return nlvib_03(0.7, amplitude, **{name: value})
+
+    with pytest.raises(ValueError, match="no scene is known here"):
+        vf.continuation(broken, *ends)
+
+
+def test_a_branch_begins_and_ends_where_nothing_moves():
+    """The linear motion is in proportion to its load."""
+    up = vf.continuation(lambda amplitude: nlvib_03(0.7, amplitude), 0.0, 0.05)
+    assert up.values[-1] == 0.05
+    mass = up.orbits[-1].scene.bodies[0]
+    whole = up.orbits[-1].amplitude(mass)
+    assert [orbit.amplitude(mass) for orbit in up.orbits] == pytest.approx(whole * up.values / 0.05, abs=1e-12)
+    down = vf.continuation(lambda amplitude: nlvib_03(0.7, amplitude), 0.05, 0.0)
+    assert 0.0 < down.values[-1] < 1e-10
+    assert "where the motion vanishes" in down.notes[-1]
+    assert not any("lost" in note for note in down.notes)
+
+
+def test_a_pair_that_is_outside_when_it_becomes_one():
+    """Beyond a fold two real multipliers lie above 1 and meet there; the pair passes the circle a little later."""
+
+    def build(omega):
+        return nlvib_03(2.0 * omega, phase=0.0, pushed=(vf.Sine(0.05, 3.0 * omega, 0.3),))
+
+    known = {"a": (-1.647114, 0.339184), "b": (-0.572629, -0.145304)}
+    guess = SimpleNamespace(state_of=lambda name: tuple(np.array([part]) for part in known[name]))
+    branch = vf.continuation(build, 0.249494, 0.24956, guess=guess)
+    assert [one.kind for one in branch.special] == ["fold", "neimark_sacker"]
+    assert [one.value for one in branch.special] == pytest.approx([0.249530735001, 0.249530727880], abs=1e-12)
+    sizes = np.sort(np.abs(branch.special[1].orbit.multipliers))[-2:]
+    assert sizes == pytest.approx([1.0, 1.0], abs=1e-8)
+
+
 def test_two_masses_on_a_stop(masses_branch):
     """NLvib's example 03: the linear response grazes, and everything beyond."""
     branch = masses_branch
@@ -371,6 +427,12 @@ def test_orbits_of_a_loaded_branch_on_all_sheets(masses_branch, tmp_path):
     value = 0.5 * (ing.values[1] + ing.values[2])
     (one,), (other,) = ing.at(value), vf.load(ing.save(tmp_path / "ing.h5")).at(value)
     assert other.unknowns == pytest.approx(one.unknowns, abs=1e-12)
+    # A scene leaves out a number that is the default.
+    hard = vf.continuation(lambda damping: nlvib_03(0.7, 0.3, damping=damping), 0.0, 1.0)
+    loaded = vf.load(hard.save(tmp_path / "hard.h5"))
+    for value in (0.0, 0.5, 1.0):
+        (one,), (other,) = hard.at(value), loaded.at(value)
+        assert other.unknowns == pytest.approx(one.unknowns, abs=1e-11)
     odd = vf.continuation(lambda w: bilinear(2.4, amplitude=float(np.exp(w))), 0.0, 0.2)
     with pytest.raises(vf.ArgumentError, match=r"amplitude.* is no polynomial"):
         vf.load(odd.save(tmp_path / "odd.h5")).at(0.1)
@@ -399,6 +461,11 @@ def test_bad_arguments():
         vf.continuation(lambda value: value, 1.0, 2.0)
     with pytest.raises(vf.ArgumentError, match="interval"):
         vf.continuation(bilinear, 1.0, 1.0)
+    with pytest.raises(vf.ArgumentError, match="interval"):
+        vf.continuation(bilinear, 1.0, 1.0 + 1e-15)
+    for ends in ((0.7, 0.8), (0.8, 0.7)):
+        with pytest.raises(vf.MethodError, match=r"2 contacts and sliders, and 1|1 contacts and sliders, and 2"):
+            vf.continuation(lambda w: nlvib_03(w, sides=("above", "below")[: 1 + (w > 0.75)]), *ends)
     with pytest.raises(vf.ArgumentError, match="periods"):
         vf.continuation(bilinear, 1.0, 2.0, periods=1.5)
     branch = vf.continuation(bilinear, 1.5, 1.6, max_points=3)

@@ -127,6 +127,20 @@ def test_branch_points_of_a_symmetric_scene():
         vf.locus(lambda w, gap: between_stops(w, 0.65, gap), points[0], 0.5, 0.6)
 
 
+@pytest.mark.parametrize("ends", [(0.45, 0.54), (0.49, 0.52)])
+def test_a_locus_begins_where_another_contact_grazes_too(ends):
+    """Both stops of a symmetric scene are grazed at once, and a constant load parts them."""
+
+    def build(omega, push):
+        return nlvib_03(omega, 0.3, phase=0.0, sides=("above", "below"), pushed=(None, vf.Constant(push)))
+
+    grazing = next(one for one in vf.continuation(lambda w: build(w, 0.0), *ends).special if one.contact == "other")
+    found = vf.locus(build, grazing, 0.0, 0.1)
+    assert [one.kind for one in found.special] == ["grazing", "period_doubling", "turn"]
+    assert found.values[-1] == pytest.approx((0.5051829, 0.0), abs=1e-7)
+    assert found.values[:, 1].max() > 8e-6
+
+
 def test_a_grazing_by_its_closed_form(branches):
     """The linear response reaches the stop: amplitude times compliance equals the gap, along the whole curve."""
     found = vf.locus(nlvib_03, branches[0].special[0], 0.1, 0.3)

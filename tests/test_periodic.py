@@ -231,6 +231,16 @@ def test_subharmonics_are_minimal():
     assert abs(first - second) > 0.01
 
 
+def test_a_motion_that_begins_inside_a_stop_as_if_it_were_open_is_no_orbit():
+    """The segments of a run from smaller loads solve the equations so, and an ordinary run does not repeat."""
+    mass = vf.Mass(1.0, name="m")
+    stops = [
+        vf.Contact(mass, gap=0.05, stiffness=100.0, side=side, acts_on="penetration") for side in ("above", "below")
+    ]
+    with pytest.raises(vf.ConvergenceError, match="does not repeat under an ordinary run"):
+        vf.periodic(vf.Scene([mass], [*stops, vf.PointLoad(mass, vf.Sine(0.1, 1.0))]), method="shooting")
+
+
 def test_what_does_not_settle_is_told():
     """Without damping no motion from rest settles: the orbit is found from the linear response."""
     mass = vf.Mass(1.0, stiffness=1.0)

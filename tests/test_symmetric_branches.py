@@ -1,7 +1,10 @@
 """Branches of symmetric scenes, whose contacts are grazed and switch together."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
+from orbit_scenes import nlvib_03
 from reference_integration import Reference
 from scenes import between_stops
 
@@ -61,6 +64,22 @@ def test_the_multipliers_beside_two_grazings():
     for known in branch.orbits[4::3]:
         again = vf.periodic(known.scene, guess=known)
         assert known.multipliers == pytest.approx(again.multipliers, abs=1e-9)
+
+
+def test_a_switched_branch_has_no_folds_of_rounding_beside_a_branch_point():
+    """The branch of orbits that are not symmetric comes to its other end from both sides with the same list."""
+
+    def build(omega):
+        return nlvib_03(omega, 0.3, phase=0.0, sides=("above", "below"))
+
+    branch = vf.continuation(build, 0.5, 0.57)
+    first, last = (one for one in branch.special if one.kind == "branch_point")
+    found = [branch.switch(one).special for one in (first, last)]
+    for special in found:
+        kinds = Counter(one.kind for one in special)
+        assert kinds == {"period_doubling": 4, "grazing": 4, "branch_point": 1}
+    (other,) = [one.value for one in found[0] if one.kind == "branch_point"]
+    assert other == pytest.approx(last.value, rel=1e-10)
 
 
 def test_two_masses_that_hit_at_the_same_times():

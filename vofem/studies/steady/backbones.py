@@ -46,6 +46,9 @@ _FIRST, _LARGEST, _LEAST, _SHORT = 0.02, 0.3, 1e-6, 1e-4
 #: Number of vectors of a large system for each mode below the one that is followed.
 _EACH_MODE = 4
 
+#: Difference of the amplitudes on both sides, as a share of them, up to which they are the same.
+_KEPT = 1e-9
+
 #: First fraction of the contacts' stiffness if contacts touch at rest, and the largest step of its logarithm.
 _SOFT, _HARDER = 1e-3, np.log(2.0)
 
@@ -270,7 +273,8 @@ class _Search:
         if reached < 0.0:
             raise ConvergenceError(
                 f"no free oscillation was found whose contacts touch at rest: stiffened from {_SOFT:g} of their "
-                f"stiffness on, contacts reached {np.exp(max(reached, first)):.3g} of it"
+                f"stiffness on, contacts reached {np.exp(max(reached, first)):.3g} of it. At levels below that of the "
+                "equilibrium, in which the contacts press, there is none: ask for higher ones"
             )
         return found
 
@@ -319,13 +323,18 @@ class _Search:
         return _AtLevel(self, float(y[-1]))
 
     def orbit(self, scene: Scene, rest: Array) -> PeriodicOrbit:
-        """Return the orbit of an oscillation, from rest at the side that is farther from the stops."""
+        """Return the orbit of an oscillation, from rest at the side that is farther from the stops.
+
+        An amplitude that is met on the other side alone, as where a stop presses at rest, is that of the begin.
+        """
         z, half = rest[:-1], float(rest[-1])
         laws, rows = self.system.contacts, self.space.contacts
         if laws is not None:
             self.work.flows += 1
             other = flow(self.system, Start(0.0, z, np.zeros_like(z)), half, counters=self.work.runs).displacement
-            if np.max(rows @ other - laws.gap) < np.max(rows @ z - laws.gap):
+            asked, there = self.level(z)[0], self.level(other)[0]
+            kept = self.dof < 0 or abs(there - asked) <= _KEPT * asked
+            if kept and np.max(rows @ other - laws.gap) < np.max(rows @ z - laws.gap):
                 z = other
         count = None if self.few is None else self.few.vectors.shape[1]
         problem = Shooting("backbone", scene, period=2.0 * half, work=self.work, vectors=count)

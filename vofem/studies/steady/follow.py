@@ -151,8 +151,8 @@ class Follower:
             largest = max(largest, size)
             if size < _VANISHED * largest:
                 self.notes.append(
-                    f"the {self.noun} ends at {now.value:.6g}, where the motion vanishes: it is {size / largest:.0e} of "
-                    "the largest one. To go on, begin beyond"
+                    f"the {self.noun} ends at {now.value:.6g}, where the motion vanishes: it is {size / largest:.0e} "
+                    "of the largest one. To go on, begin beyond"
                 )
                 return
             if len(self.points) >= self.most:
