@@ -264,8 +264,10 @@ def test_scenes_beyond_the_interval_are_not_needed(name, ends):
             raise ValueError("no scene is known here")
         return nlvib_03(0.7, amplitude, **{name: value})
 
-    with pytest.raises(ValueError, match="no scene is known here"):
+    with pytest.raises(ValueError, match="no scene is known here") as raised:
         vf.continuation(broken, *ends)
+    assert raised.value.branch.values[0] == ends[0]
+    assert len(raised.value.branch) > 1
 
 
 def test_a_branch_begins_and_ends_where_nothing_moves():

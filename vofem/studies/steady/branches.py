@@ -41,7 +41,8 @@ def continuation(
     The first orbit is found at `start`, from the guess or from rest as in `vofem.periodic`. The branch is followed
     until it leaves the interval between `start` and `stop`. Folds, period doublings, Neimark-Sacker points, branch
     points and, by shooting, grazings are located on the way. Ctrl-C ends the continuation. The part of the branch that
-    was found is returned, and a note says so.
+    was found is returned, and a note says so. What `build` raises inside the interval is passed on; the attribute
+    `branch` of this error is what was found.
 
     Parameters
     ----------
@@ -103,5 +104,12 @@ def continuation(
     family.begin_with(problem, start)
     walker = Follower(family, largest=max_step, most=max_points, seconds=max_seconds)
     walker.notes += [*notes, *undamped(problem.scene.model.system)]
-    walker.follow(walker.begin(found.unknowns, start), progress=progress)
+    try:
+        walker.follow(walker.begin(found.unknowns, start), progress=progress)
+    except Exception as error:
+        # Mostly of `build`, at one of many values.
+        if len(walker.points) > 1:
+            error.branch = branch_of(walker)  # type: ignore[attr-defined]
+            error.add_note("What was found of the branch until then is in the attribute branch of this error.")
+        raise
     return branch_of(walker)
