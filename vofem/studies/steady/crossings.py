@@ -89,8 +89,9 @@ _CUTS = (0.5, 0.2, 0.8, 0.05, 0.95)
 #: Parts of a step that are looked at, and the length of one, in scaled coordinates, at which rounding decides.
 _MOST_PARTS, _NARROW = 500, 1e-9
 
-#: Distance from a branch point, where the equations are singular, up to which rounding decides what a part tells.
-_SINGULAR = 2e-4
+#: Distance from a branch point, where the equations are singular, up to which rounding decides about a multiplier at 1
+#: and where the branch turns, and the length of a part there that is not cut.
+_SINGULAR, _UNCUT = 1e-4, 1e-5
 
 #: Error of a prediction that is allowed, as a share of the distance from the unit circle.
 _ALLOWED = 0.3
@@ -155,16 +156,16 @@ def crossings(family: Family, step: Step, earlier: Step | None, notes: list[str]
         if not parts:
             break
         low, high = parts.pop(0)
-        branched = [one.place for one in known if one.kind == "branch_point"]
-        if any(max(abs(low.place - at), abs(high.place - at)) * step.length <= _SINGULAR for at in branched):
-            continue
+        branched = [one for one in known if one.kind == "branch_point"]
         apart = high.place - low.place > _TOGETHER and max(map(abs, _changes(low.counts, high.counts) or (0,))) > 1
         inside = [] if apart else _single(family, low, high)
         ends = list(_sides(low, high, inside))
-        long = (high.place - low.place) * step.length > _NARROW
+        singular = all(_beside(end, branched, step.length) for end in (low, high))
+        long = (high.place - low.place) * step.length > (_UNCUT if singular else _NARROW)
         if not inside and long and ((differs := _differs(low, high)) or _doubtful(known, low, high)):
             ends = _cut(family, low, high)
             missing |= differs and not ends
+        ends = [_as_beside(end, branched, step.length) for end in ends]
         found += inside
         known += ends
         if ends:
@@ -231,6 +232,25 @@ def _sides(low: _End, high: _End, found: list[SpecialPoint]) -> Iterator[_End]:
         yield before
         yield after
         low = after
+
+
+def _beside(end: _End, branched: list[_End], length: float) -> list[_End]:
+    """Return the records of branch points beside an end in a step of some length, which may be the end itself."""
+    return [one for one in branched if abs(end.place - one.place) * length <= _SINGULAR]
+
+
+def _as_beside(end: _End, branched: list[_End], length: float) -> _End:
+    """Return an end with what is known of its side of a branch point beside it."""
+    near = [] if end.at_one else _beside(end, branched, length)
+    if not near:
+        return end
+    # Of the records before and after a branch point, that of this side.
+    at = min(near, key=lambda one: abs(end.place - one.place)).place
+    side = [one for one in near if one.place == at][0 if end.place < at else -1]
+    counts = end.counts
+    if counts is not None and side.counts is not None:
+        counts = counts._replace(plus=side.counts.plus)
+    return replace(end, counts=counts, heading=side.heading, orientation=side.orientation)
 
 
 def _unlikely(a: Census, b: Census) -> int:
