@@ -9,7 +9,7 @@ the whole displacement (Eqs. 9b, 13, 18c). It is the gap under the penetration l
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -63,6 +63,8 @@ class ContactLaws(LawGroup):
     restitution: Array
     #: What is added to the coordinates ``b.q`` because stops and bases move; None where they do not.
     moving: Moving | None = None
+    #: Numbers of sliders that are followed as contacts; empty without them.
+    sliders: Array = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def gather(cls, rows: csr_matrix, laws: tuple[Any, ...]) -> ContactLaws:
@@ -257,7 +259,7 @@ class ContactLaws(LawGroup):
 
     def numbers(self) -> Array:
         """Return all numbers that define the laws."""
-        elastic = super().numbers()
+        elastic = np.append(super().numbers(), self.sliders)
         return np.append(elastic, np.nan_to_num(self.restitution, nan=-1.0)) if self.rigid.any() else elastic
 
     @cached_property

@@ -43,10 +43,12 @@ def with_sliders(system: System) -> System:
         "gap": np.zeros(k), "stiffness": np.where(np.isinf(stiffness), 0.0, stiffness), "damping": np.zeros(k),
         "jump": np.zeros(k, dtype=bool), "resolution": np.full(k, np.inf), "restitution": np.full(k, np.nan),
     }  # fmt: skip
-    both = ContactLaws(group.names, group.rows, **numbers)
+    own = group.numbers()
+    both = ContactLaws(group.names, group.rows, **numbers, sliders=own)
     if contacts is not None:
-        joined: dict[str, Any] = {name: np.concatenate([getattr(contacts, name), own]) for name, own in numbers.items()}
-        both = ContactLaws((*contacts.names, *group.names), vstack([contacts.rows, group.rows], format="csr"), **joined)
+        joined = {name: np.concatenate([getattr(contacts, name), part]) for name, part in numbers.items()}
+        rows = vstack([contacts.rows, group.rows], format="csr")
+        both = ContactLaws((*contacts.names, *group.names), rows, **joined, sliders=own)
     return system.with_laws("with sliders", (both,))
 
 

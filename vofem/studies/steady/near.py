@@ -39,10 +39,9 @@ def signature_at(problem: Shooting, unknowns: Array) -> tuple[Signature, Array]:
     if min(lengths[0], lengths[-1]) >= _ANCHORED * lengths[longest]:
         return chart, y
     # A guess that is far from an orbit does not go on after its end as at its begin.
-    segments = whole.solution.segments
-    time = float(segments.starts[longest] + 0.5 * lengths[longest] / problem.loads.omega)
+    time = float(chart.anchor + lengths[:longest].sum() + 0.5 * lengths[longest]) / problem.loads.omega
     z, v = (part[:, 0] for part in whole.solution.modal(np.array([time])))
-    status = segments.status[longest].tolist()
+    status = list(chart.statuses[longest])
     return signature_of(problem, problem.run(problem.to_unknowns(z, v), time * problem.loads.omega, status))
 
 

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import fields, is_dataclass, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
 
 from vofem.assembly import Model
 from vofem.bodies import Body, Point
-from vofem.effects import Contact
+from vofem.effects import BaseMotion, Contact, DistributedLoad, PointLoad, PointMoment
 from vofem.integrators.event_driven.flow import share_modes
 from vofem.parameters import declarations, is_declared
 from vofem.scene import Scene
 from vofem.studies.steady.condensed import condensable
 from vofem.studies.steady.shooting import MOST_UNKNOWNS
 from vofem.system import Load
-from vofem.time_functions import OfTime, TimeFunction
+from vofem.time_functions import TimeFunction
+
+#: Loads, of whose functions of time nothing but the load depends, and the names of these.
+_FUNCTIONS: dict[type, str] = {PointLoad: "f", PointMoment: "f", DistributedLoad: "f", BaseMotion: "acceleration"}
 
 
 def recompiled(scene: Scene, earlier: Scene) -> Scene:
@@ -54,11 +56,10 @@ def like_guess(scene: Scene, guess: Any) -> Scene:
     return scene
 
 
-@cache
-def _function_of(cls: type) -> str | None:
-    """Return the name of the parameter of a class of loads that is its function of time."""
-    known = declarations(cls) if is_declared(cls) else {}
-    return next((name for name, one in known.items() if isinstance(one.kind, OfTime)), None)
+def _function_of(effect: Any) -> str | None:
+    """Return the name of the parameter of a load that is its function of time; None where more depends on it."""
+    seen = isinstance(effect, BaseMotion) and effect.displacement is not None
+    return None if seen else _FUNCTIONS.get(type(effect))
 
 
 def _same_body(new: Body, old: Body) -> bool:
@@ -74,7 +75,7 @@ def _same_effect(new: Any, old: Any, partners: dict[int, Body]) -> bool:
         return True
     if type(new) is not type(old):
         return False
-    free = {_function_of(new.__class__)} | ({"name"} if type(new) is Contact else set())
+    free = {_function_of(old)} | ({"name"} if type(new) is Contact else set())
     mine, other = vars(new), vars(old)
     kept = [name for name in mine if name not in free]
     return all(name in other and _same(mine[name], other[name], partners) for name in kept)
@@ -111,7 +112,7 @@ def _with_functions(model: Model, scene: Scene, earlier: Scene) -> Model | None:
     functions: dict[int, tuple[TimeFunction, str]] = {}
     names: dict[str, str] = {}
     for new, old in zip(scene.effects, earlier.effects, strict=True):
-        attribute = _function_of(type(new))
+        attribute = _function_of(old)
         if attribute is not None:
             function = getattr(old, attribute)
             if id(function) in functions and functions[id(function)][0] is not getattr(new, attribute):

@@ -318,8 +318,8 @@ class SignatureEvaluation:
             return np.asarray(matrix)
         if min(self.chart.approaches(self.problem, self).values(), default=np.inf) * _SINGULAR <= self.sizes[1]:
             return None
-        scaled = switches[:, n:] / np.linalg.norm(switches[:, n:], axis=1)[:, None]
-        if np.linalg.cond(scaled) >= _SINGULAR:
+        norms = np.linalg.norm(switches[:, n:], axis=1)
+        if not norms.all() or np.linalg.cond(switches[:, n:] / norms[:, None]) >= _SINGULAR:
             return None
         return np.asarray(matrix - closes[:, n:] @ np.linalg.solve(switches[:, n:], switches[:, :n]))
 

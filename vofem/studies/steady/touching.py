@@ -24,6 +24,7 @@ from vofem.studies.steady.between import Step, point_between
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.near import polished
 from vofem.studies.steady.point import Point, corrected, derivative_by_value, level, point_at, scales_of
+from vofem.studies.steady.shooting import CLOSES
 from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Extreme, Signature, States, Switch, signature_of
 from vofem.system import CLOSED, OPEN, PINNED
 
@@ -133,9 +134,11 @@ def passage(family: Family, now: Point, after: Point) -> Passage | None:
         raise ConvergenceError("a switch passed the phase at which the state is an unknown")
     changes = _changes(now, after)
     if not changes and not after.evaluation.repeats:
+        away = after.evaluation.closing
         raise ConvergenceError(
-            f"the orbit does not repeat under an ordinary run, by {after.evaluation.closing:.1e} of the motion"
-            f"{_rested(after)}"
+            f"the orbit does not repeat under an ordinary run, by {away:.1e} of the motion{_rested(after)}"
+            if away > CLOSES
+            else f"contacts and sliders switch in another order in an ordinary run over the orbit{_rested(after)}"
         )
     return _earliest(family, now, after, _first(family, now, after, changes) if changes else None)
 
