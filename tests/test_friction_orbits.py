@@ -111,6 +111,41 @@ def test_multipliers_of_a_chain_with_friction_and_a_stop_agree_with_runs_beside_
     np.testing.assert_allclose(np.sort(np.abs(mine)), np.sort(np.abs(expected)), atol=2e-7)
 
 
+@pytest.mark.parametrize(
+    ("name", "ends", "stiffness"),
+    [("normal", (0.2, 1.0), None), ("coefficient", (0.02, 0.1), None), ("normal", (0.2, 1.0), 2.0)],
+)
+def test_branches_along_the_friction_are_those_of_each_value(
+    name: str, ends: tuple[float, float], stiffness: float | None
+) -> None:
+    """Rigid sliders by shooting, one behind a spring by harmonic balance; and an orbit as a guess lends no force."""
+
+    def build(value: float) -> vf.Scene:
+        of = {"normal": 1.0, "coefficient": 0.1, name: value}
+        mass = vf.Mass(1.0, stiffness=1.0, damping=0.05, name="m")
+        slider = vf.Friction(mass, name="f", **of, **({} if stiffness is None else {"stiffness": stiffness}))
+        return vf.Scene([mass], [slider, vf.PointLoad(mass, vf.Sine(0.3, 0.8))])
+
+    branch = vf.continuation(build, *ends)
+    assert branch.values[-1] == ends[1]
+    mass = branch.orbits[0].scene.bodies[0]
+    first, last = (vf.periodic(build(end), method=branch.orbits[0].method) for end in ends)
+    amplitudes = [one.amplitude(one.scene.bodies[0]) for one in (first, last)]
+    assert amplitudes[1] < 0.95 * amplitudes[0]
+    assert branch.amplitude(mass)[[0, -1]] == pytest.approx(amplitudes, rel=1e-9)
+    beside = vf.periodic(build(ends[1]), guess=first, method=first.method)
+    assert beside.amplitude(beside.scene.bodies[0]) == pytest.approx(amplitudes[1], rel=1e-9)
+
+
+def test_a_slider_that_stops_where_a_contact_is_grazed() -> None:
+    """Rounding decides there, and what remains unknown is told."""
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.05, name="m")
+    stop = vf.Contact(mass, gap=0.4, stiffness=5.0, side="above", acts_on="penetration", name="stop")
+    slider = vf.Friction(mass, coefficient=0.1, static=0.13, normal=1.0, name="f")
+    branch = vf.continuation(lambda w: vf.Scene([mass], [slider, stop, vf.PointLoad(mass, vf.Sine(0.3, w))]), 0.5, 0.53)
+    assert "switch in another order in an ordinary run" in branch.notes[-1]
+
+
 def test_what_orbits_cannot_have_is_refused_by_name() -> None:
     """Belts, springs of sliders, rigid stops beside sliders, free oscillations and derivatives; each with a way on."""
     mass = vf.Mass(1.0, stiffness=1.0, name="mass")

@@ -177,6 +177,30 @@ def test_an_orbit_with_a_pinned_contact_has_the_multipliers_of_differences(hits:
         assert off(found[clear, k], expected[clear]) < 2e-8
 
 
+@pytest.mark.parametrize("gap", [0.0, 0.3])
+def test_extremes_at_impacts_move_with_them(gap: float) -> None:
+    """The largest displacement is the gap itself; the least one and the amplitude agree with differences."""
+
+    def orbit(**changed: float) -> tuple[vf.Mass, vf.PeriodicOrbit]:
+        of = {"gap": gap, "damping": 0.05, "restitution": 0.7, "omega": 2.0, **changed}
+        mass = vf.Mass(1.0, stiffness=1.0, damping=of["damping"], name="a")
+        stop = vf.RigidStop(mass, gap=of["gap"], restitution=of["restitution"], side="above", name="s")
+        load = vf.PointLoad(mass, vf.Sine(1.0, of["omega"]), name="l")
+        return mass, vf.periodic(vf.Scene([mass], [stop, load]))
+
+    fields = [("s", "gap"), ("a", "damping"), ("s", "restitution"), ("l", "f.omega")]
+    mass, found = orbit()
+    derived = sensitivities(found, [Parameter(*one) for one in fields])
+    least, largest = derived.extremes(mass)
+    assert largest == pytest.approx([1.0, 0.0, 0.0, 0.0], abs=1e-10)
+    values = {"gap": gap, "damping": 0.05, "restitution": 0.7, "omega": 2.0}
+    for k, (name, value) in enumerate(values.items()):
+        (_, high), (_, low) = orbit(**{name: value + 1e-5}), orbit(**{name: value - 1e-5})
+        change = (np.array(high.extremes(mass)) - low.extremes(mass)) / 2e-5
+        assert least[k] == pytest.approx(change[0], rel=1e-5)
+        assert derived.amplitude(mass)[k] == pytest.approx(0.5 * (change[1] - change[0]), rel=1e-5)
+
+
 def test_what_has_no_derivative_is_refused_by_name() -> None:
     data = DATA["P1"]["orbits"][1]
     scene = scene_of(data["point"], data["point"]["om"])

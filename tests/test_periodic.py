@@ -241,6 +241,18 @@ def test_a_motion_that_begins_inside_a_stop_as_if_it_were_open_is_no_orbit():
         vf.periodic(vf.Scene([mass], [*stops, vf.PointLoad(mass, vf.Sine(0.1, 1.0))]), method="shooting")
 
 
+@pytest.mark.parametrize(("omega", "gap"), [(0.75, 0.1), (1.0, 0.0), (2.5, 0.1)])
+def test_contacts_that_close_at_one_time(omega, gap):
+    """Two stops between the same points, one of them with a damper."""
+    masses = [vf.Mass(1.0, stiffness=1.0, damping=0.05, name=name) for name in "ab"]
+    soft = vf.Contact(*masses, gap=gap, stiffness=1.4, damping=0.2, acts_on="penetration", name="p")
+    hard = vf.Contact(*masses, gap=gap, stiffness=30.0, acts_on="penetration", name="q")
+    load = vf.PointLoad(masses[0], vf.Sine(0.4, omega))
+    orbit = vf.periodic(vf.Scene(masses, [vf.Spring(*masses, stiffness=0.7), soft, hard, load]))
+    run = vf.simulate(orbit.scene, 20 * orbit.period, initial=orbit, times=[0.0, 20 * orbit.period])
+    assert np.ptp(run.displacement(masses[0])) < 1e-9
+
+
 def test_what_does_not_settle_is_told():
     """Without damping no motion from rest settles: the orbit is found from the linear response."""
     mass = vf.Mass(1.0, stiffness=1.0)

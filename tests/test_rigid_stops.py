@@ -186,6 +186,19 @@ def test_a_beam_bounces_and_comes_to_rest() -> None:
     assert result.energy.balance_error < 1e-12
 
 
+@pytest.mark.parametrize(("elements", "restitution", "t_end"), [(4, 0.3, 1.0), (6, 0.5, 1.0), (10, 0.3, 2.0)])
+def test_a_run_begins_where_another_one_has_come_to_rest(elements: int, restitution: float, t_end: float) -> None:
+    """What is left of the speeds is rounding, and no impact."""
+    beam = vf.Beam(1.0, EI=70.0, rhoA=0.5, elements=elements, supports={"left": "clamped"}, name="beam")
+    tip = beam.at(1.0)
+    stop = vf.RigidStop(tip, gap=0.00137, restitution=restitution, side="below", name="stop")
+    scene = vf.Scene([beam], [stop, vf.PointLoad(tip, -2.0), vf.RayleighDamping(0.5, 1e-3)])
+    first = vf.simulate(scene, t_end, method="event_driven")
+    again = vf.simulate(scene, 0.01, method="event_driven", initial=first, max_events=100)
+    assert again.displacement(tip) == pytest.approx(-0.00137, abs=1e-16)
+    assert again.contacts["stop"].pinned == pytest.approx(np.array([[0.0, 0.01]]), abs=1e-15)
+
+
 def test_what_cannot_be_answered_is_refused_by_name() -> None:
     """Stepping methods, statics, orbits and harmonic balance name the stop; so does a start inside of it."""
     mass = vf.Mass(1.0, stiffness=10.0, name="mass")

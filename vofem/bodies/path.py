@@ -70,8 +70,14 @@ class Path:
         """Return the height of the road at x, m, shape (k,)."""
         if self.profile is None:
             return np.zeros(x.shape)
-        values = np.asarray(self.profile(x) if callable(self.profile) else self.profile, dtype=float)
-        values = np.broadcast_to(values, x.shape)
+        try:
+            values = np.asarray(self.profile(x) if callable(self.profile) else self.profile, dtype=float)
+            values = np.broadcast_to(values, x.shape)
+        except (TypeError, ValueError, ArithmeticError, LookupError) as error:
+            raise ArgumentError(
+                f"Path: profile failed ({type(error).__name__}: {error}); expected a function of places in m, "
+                "an array, that returns the height of the road at each of them"
+            ) from error
         if not np.all(np.isfinite(values)):
             raise ArgumentError(f"Path: profile is not finite at x = {x[int(np.argmin(np.isfinite(values)))]:g} m")
         return values

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -120,18 +120,19 @@ def sum_of_squares(point: Any, times: ArrayLike, data: ArrayLike) -> Objective:
     return of_motion([place], when, squares)
 
 
-def of_motion(points: Sequence[Any], times: ArrayLike, function: Callable[[Array], tuple[float, Any]]) -> Objective:
+def of_motion(points: Any, times: ArrayLike, function: Callable[[Array], tuple[float, Any]]) -> Objective:
     """Return an objective of one's own: a function of the displacements of points at some times.
 
     Parameters
     ----------
-    points : list of points
+    points : point or list of points
     times : array_like, shape (n_times,)
     function : callable
         Takes the displacements, shape (n_points, n_times), and returns the objective and its derivatives by all of
         them, in the same shape.
     """
-    places = [as_point("of_motion: points", point) for point in points]
+    several = points if isinstance(points, (list, tuple)) else [points]
+    places = [as_point("of_motion: points", point) for point in several]
     when = np.atleast_1d(array("of_motion: times", times))
 
     def linear(result: Result, forward: Forward) -> Linear:
@@ -140,7 +141,13 @@ def of_motion(points: Sequence[Any], times: ArrayLike, function: Callable[[Array
         modal = forward.modal
         rows = np.asarray(rows_over(result.model, result.scene.bodies, places) @ modal.shapes)
         motion = forward.motion(when)[0]
-        value, slopes = function(rows @ motion)
+        try:
+            value, slopes = function(rows @ motion)
+        except (TypeError, ValueError, ArithmeticError, LookupError) as error:
+            raise ArgumentError(
+                f"of_motion: function failed ({type(error).__name__}: {error}); expected a function of displacements, "
+                f"shape {(rows.shape[0], when.size)}, that returns a number and its derivatives by all of them"
+            ) from error
         slopes = array("of_motion: derivatives", slopes, shape=(rows.shape[0], when.size))
         out = _blank(forward)
         out.value = float(value)

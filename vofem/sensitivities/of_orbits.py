@@ -26,6 +26,10 @@ from vofem.time_functions import Sine, as_time_function
 _SAME = 1e-7
 
 
+#: Distance of an extreme from an event, over the period, up to which it is at the event, and of a time just after it.
+_AT_EVENT, _AFTER = 1e-9, 1e-14
+
+
 class OrbitSensitivities(MotionSensitivities):
     """Derivatives of a periodic orbit by parameters; the last axis is the parameter.
 
@@ -108,13 +112,20 @@ class OrbitSensitivities(MotionSensitivities):
     @one_thread
     def extremes(self, point: Any) -> Array:
         """Return the derivatives of the least and of the largest displacement of a point, shape (2, p)."""
-        result = self.orbit.result
-        times = np.unique(np.concatenate([result.times, result.solution.events.time]))
+        result, period = self.orbit.result, self.orbit.period
+        events = result.solution.events.time
+        times = np.unique(np.concatenate([result.times, events]))
         u = result.displacement(point, times)
         found = []
         for place in (int(np.argmin(u)), int(np.argmax(u))):
-            t = _turning(lambda s: float(result.velocity(point, [s])[0]), times, place, self.orbit.period)
-            found.append(self.displacement(point, [t])[0])
+            t = _turning(lambda s: float(result.velocity(point, [s])[0]), times, place, period)
+            moved: Array | float = 0.0
+            event = int(np.argmin(np.abs(events - t))) if events.size else -1
+            if event >= 0 and abs(events[event] - t) <= _AT_EVENT * period:
+                # An extreme at an impact moves with it.
+                t = min(float(events[event]) + _AFTER * period, period)
+                moved = result.velocity(point, [t])[0] * self.event_times[event]
+            found.append(self.displacement(point, [t])[0] + moved)
         return np.array(found)
 
     def amplitude(self, point: Any) -> Array:

@@ -88,10 +88,13 @@ class Parameter:
         Raises
         ------
         ArgumentError
-            If a target is not in the scene, or a name fits none or several of its objects.
+            If a target is not in the scene or named twice, or a name fits none or several of its objects.
         """
         things = (*scene.bodies, *scene.effects)
-        return tuple(_lookup(self, things, target) for target in self.targets)
+        found = tuple(_lookup(self, things, target) for target in self.targets)
+        if len(set(map(id, found))) < len(found):
+            raise ArgumentError(f"Parameter {self.name}: an object is named twice; name each of them once")
+        return found
 
     def carried(self, scene: Scene, other: Scene) -> Parameter:
         """Return the parameter of a scene as that of another scene, whose objects are in the same order."""

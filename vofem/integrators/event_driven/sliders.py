@@ -46,7 +46,9 @@ def with_sliders(system: System) -> System:
     own = group.numbers()
     both = ContactLaws(group.names, group.rows, **numbers, sliders=own)
     if contacts is not None:
-        joined = {name: np.concatenate([getattr(contacts, name), part]) for name, part in numbers.items()}
+        joined: dict[str, Any] = {
+            name: np.concatenate([getattr(contacts, name), part]) for name, part in numbers.items()
+        }
         rows = vstack([contacts.rows, group.rows], format="csr")
         both = ContactLaws((*contacts.names, *group.names), rows, **joined, sliders=own)
     return system.with_laws("with sliders", (both,))

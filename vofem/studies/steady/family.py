@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from vofem.arrays import Array
-from vofem.errors import ArgumentError, ConvergenceError, VofemError
+from vofem.errors import ArgumentError, ConvergenceError, MethodError, VofemError
 from vofem.scene import Scene
 from vofem.studies.steady.problem import OrbitProblem, Work
 from vofem.studies.steady.rebuild import recompiled
@@ -53,7 +53,13 @@ def problem_of(
         # Most users need shooting alone.
         from vofem.studies.steady.harmonic_balance import HarmonicBalance
 
-        return HarmonicBalance(what, scene, periods, period=period, harmonics=harmonics, earlier=earlier, work=work)
+        try:
+            return HarmonicBalance(what, scene, periods, period=period, harmonics=harmonics, earlier=earlier, work=work)
+        except MethodError as error:
+            reason = shooting_refusal(scene)
+            if reason is None:
+                raise
+            raise MethodError(f"{error}; shooting does not take the scene either: {reason}") from error
     if harmonics is not None:
         raise ArgumentError(f"{what}: harmonics was given, but shooting has none; leave it out")
     return Shooting(what, scene, periods, period=period, earlier=earlier, work=work)
