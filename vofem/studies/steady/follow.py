@@ -191,7 +191,11 @@ class Follower:
     def _lost(self, now: Point) -> str:
         """Return what is known about the place where no further orbit was found."""
         rounded = ""
-        if now.chart.segmented and np.linalg.cond(now.evaluation.jacobian * now.scales[:-1]) > _MAGNIFIES:
+        if (
+            now.chart.segmented
+            and now.chart.switches
+            and np.linalg.cond(now.evaluation.jacobian * now.scales[:-1]) > _MAGNIFIES
+        ):
             rounded = "; one touch after another magnifies rounding, so that it decides the direction of the branch"
         return (
             f"the {self.noun} was lost at {now.value:.12g}: Newton's method does not converge for the smallest "

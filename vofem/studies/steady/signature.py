@@ -205,7 +205,8 @@ class SignatureEvaluation:
         rows, gaps, sizes = problem.space.contacts, laws.gap, self.size_of(range(len(laws)))
         statuses = np.array(self.chart.statuses)[segments].T
         signs = np.where(statuses == CLOSED, -1.0, 1.0)
-        values, rates = signs * (u - gaps[:, None]) / sizes[:, None], signs * rates
+        # A slider that sticks all along has no size.
+        values, rates = signs * (u - gaps[:, None]) / np.where(sizes > 0.0, sizes, np.inf)[:, None], signs * rates
         mine = statuses[:, :-1] < PINNED if contact is None else np.arange(len(laws))[:, None] == contact
         inside = mine & (segments[:-1] == segments[1:])
         turns = (rates[:, :-1] > 0.0) & (rates[:, 1:] <= 0.0) & inside
@@ -280,9 +281,9 @@ class SignatureEvaluation:
         laws = self.problem.system.contacts
         assert laws is not None
         z, _ = self.problem.to_modes(self.y[: self.problem.size])
-        inside = (self.problem.space.contacts @ z - laws.gap) / self.size_of(range(len(laws)))
+        inside, allowed = self.problem.space.contacts @ z - laws.gap, CLOSES * self.size_of(range(len(laws)))
         start = np.array(self.chart.start)
-        return bool(np.all(np.where(start == CLOSED, -inside, inside)[start < PINNED] <= CLOSES))
+        return bool(np.all((np.where(start == CLOSED, -inside, inside) <= allowed)[start < PINNED]))
 
     def _comes_back(self, follows: bool, away: float) -> bool:
         return follows and (away <= CLOSES or away <= self.rounding)

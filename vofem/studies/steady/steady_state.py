@@ -20,7 +20,7 @@ from vofem.studies.steady.near import orbit_near
 from vofem.studies.steady.newton import Solved, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.rebuild import like_guess
-from vofem.studies.steady.shooting import Shooting, relative
+from vofem.studies.steady.shooting import CLOSES, Shooting, relative
 
 if TYPE_CHECKING:
     from vofem.studies.steady.harmonic_balance import HarmonicBalance
@@ -183,6 +183,10 @@ def _with_enough_vectors(problem: Shooting, found: Solved) -> tuple[Shooting, So
     return problem, found, notes
 
 
+#: Why a motion may not settle.
+_MANY = ": a subharmonic or chaotic motion, or little damping"
+
+
 def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
     """Return the orbit that a motion from rest settles on, or one that belongs to the linear response, with a note.
 
@@ -202,14 +206,18 @@ def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
                 return found, ()
             level = _AGAIN * change
         x = after
-    seen = f"after {MOST_PERIODS} periods from rest the motion still changes by {change:.2g} of itself over an orbit"
+    seen = (
+        f"after {MOST_PERIODS} periods from rest the motion still changes by {change:.2g} of itself over an orbit"
+        if change > CLOSES
+        else "the motion from rest repeats, and Newton's method finds no orbit with its switches"
+    )
     try:
         found, source = _raised(problem)
         return found, (f"{seen}, so this orbit was found from {source}; motions need not settle on it",)
     except ConvergenceError as error:
         failed = str(error)
     raise ConvergenceError(
-        f"{what}: no orbit was found. {seen}: a subharmonic or chaotic motion, or little damping; {failed}. Try more "
+        f"{what}: no orbit was found. {seen}{_MANY if change > CLOSES else ''}; {failed}. Try more "
         "periods (periods=2, 3, ...), a guess= such as a run with more damping, or follow a branch with "
         "vofem.continuation from where the motion is regular, such as where no contact is touched"
     )
