@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -64,6 +65,22 @@ def test_a_stiff_contact_opens_within_few_samples_of_a_switch():
         assert [one.kind for one in branch.special] == ["grazing"]
         assert max(away(orbit) for orbit in branch.orbits[::6]) <= REPEATS
     assert up.special[0].value == pytest.approx(down.special[0].value, rel=1e-10)
+
+
+@pytest.mark.parametrize("stop", [0.25222, 0.252215])
+def test_special_points_beside_a_grazing_are_listed_or_told(stop):
+    """A pair and a real multiplier pass the circle within 2e-13 rad/s from a grazing of two stops at once."""
+    case = drawn(19)
+    known = {
+        "m0": (-0.01968523, 0.004468025), "m1": (-0.02536175, 0.007850386), "m2": (-0.02755963, 0.01107605),
+        "m3": (-0.029393, 0.01297039), "m4": (-0.03053302, 0.01324946),
+    }  # fmt: skip
+    guess = SimpleNamespace(state_of=lambda name: tuple(np.array([part]) for part in known[name]))
+    branch = vf.continuation(case.build, 0.2522, stop, guess=guess)
+    found = Counter(one.kind for one in branch.special)
+    told = any("special points between 0.252214131112, where a contact is grazed" in note for note in branch.notes)
+    assert found == ({"grazing": 2} if told else {"grazing": 2, "neimark_sacker": 1, "branch_point": 1})
+    assert [sum(abs(branch.orbits[k].multipliers) > 1.0) for k in (0, -1)] == [0, 3]
 
 
 def test_a_lost_branch_tells_what_its_contacts_do():

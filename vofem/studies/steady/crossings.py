@@ -180,6 +180,20 @@ def crossings(family: Family, step: Step, earlier: Step | None, notes: list[str]
     return sorted(found, key=lambda one: one.place)
 
 
+def hidden_beside(at: Point, before: Point, after: Point) -> list[str]:
+    """Return a note where multipliers pass the unit circle between a grazing and the first orbit with its touch.
+
+    Where forces do not jump, multipliers before and beyond a grazing are the same.
+    """
+    changes = _changes(census(before), census(after))
+    if changes is None or not any(changes):
+        return []
+    return [
+        f"special points between {at.value:.12g}, where a contact is grazed, and {after.value:.15g} beside it may be "
+        "missing: multipliers pass the unit circle there, before the touch is long enough to be followed"
+    ]
+
+
 def _end(point: Point, place: float) -> _End:
     """Return an orbit as an end of two parts."""
     exact = point.chart.segmented

@@ -16,7 +16,7 @@ from vofem.integrators.observer import deferred_interrupts
 from vofem.progress import Progress, TerminalBar
 from vofem.studies.steady.between import Step, interpolated, steady
 from vofem.studies.steady.branch import BranchCounters
-from vofem.studies.steady.crossings import SHORTER, crossings
+from vofem.studies.steady.crossings import SHORTER, crossings, hidden_beside
 from vofem.studies.steady.family import Family, Interval
 from vofem.studies.steady.near import signature_at
 from vofem.studies.steady.point import ORIGIN, Point, corrected, level, point_at, scales_of
@@ -292,6 +292,9 @@ class Follower:
             )
             self._over = True
             return last, step
+        smooth = not (laws.jumps.any() or laws.rigid.any() or last.problem.given.sliders)
+        if smooth and isinstance(last.chart, Signature):
+            self.notes += hidden_beside(passed.at, last, passed.after)
         self._take(None, passed.after)
         return passed.after, min(FIRST, self.largest)
 
