@@ -62,8 +62,8 @@ class Walker:
         laws = solution.system.contacts
         assert laws is not None
         self._laws, self._rows, self._pin_fraction = laws, solution.space.contacts, pin_fraction
-        # The largest speed of approach of each rigid stop, and the last time at which it was touched.
-        self._largest, self._touched = np.zeros(len(laws)), np.full(len(laws), np.nan)
+        # The largest speed of approach of each rigid stop.
+        self._largest = np.zeros(len(laws))
         self._sliders = len(laws) if not isinstance(solution, SlidingSolution) else solution.contact_count
         # Whether the present state is that after a bounce.
         self._bounced = False
@@ -253,9 +253,6 @@ class Walker:
         laws, rows, done = self._laws, self._rows, set[int]()
         # Displacements that are rounded move as quickly as they would vibrate.
         rounded = np.sqrt(np.abs(self.solution.space.stiffness)) * np.abs(self.displacement)
-        # Where no time has passed since the last touch, speeds are rounding.
-        again = touching & (self._touched == self.time)
-        self._touched[touching] = self.time
         for _ in range(_MOST_AT_ONCE):
             at_rest = laws.rigid & (self.status == PINNED)
             speed, zero = rows @ self.velocity, _ZERO * (np.abs(rows) @ (np.abs(self.velocity) + rounded))
@@ -264,7 +261,6 @@ class Walker:
             for j in np.flatnonzero(at_rest & (speed < -limit)).tolist():
                 self._change(j, OPEN)
             settled = touching & (speed >= -zero) & ((speed <= limit) | (laws.restitution == 0.0))
-            settled |= again & (speed <= limit)
             moving = (touching | at_rest) & ~settled & (speed > limit)
             if moving.any():
                 j = int(np.argmax(np.where(moving, speed, -np.inf)))

@@ -240,9 +240,10 @@ class _Loaded:
 
     def build(self, value: float) -> Scene:
         """Return the scene at a value of the parameter."""
-        text = self._kept["scenes"][int(np.argmin(np.abs(self._values - value)))]
-        if value in self._values:
-            return _scene(text, "", self._folder)
+        nearest = int(np.argmin(np.abs(self._values - value)))
+        text = self._kept["scenes"][nearest]
+        if self._values[nearest] == value:
+            return _scene(text, self._kept["problems"][nearest], self._folder)
         numbers = {place: float(number(value)) for place, number in self._numbers.items()}
         return _scene(text, "", self._folder, changed(tomllib.loads(text), numbers))
 
