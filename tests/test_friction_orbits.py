@@ -137,13 +137,35 @@ def test_branches_along_the_friction_are_those_of_each_value(
     assert beside.amplitude(beside.scene.bodies[0]) == pytest.approx(amplitudes[1], rel=1e-9)
 
 
-def test_a_slider_that_stops_where_a_contact_is_grazed() -> None:
-    """Rounding decides there, and what remains unknown is told."""
-    mass = vf.Mass(1.0, stiffness=1.0, damping=0.05, name="m")
-    stop = vf.Contact(mass, gap=0.4, stiffness=5.0, side="above", acts_on="penetration", name="stop")
-    slider = vf.Friction(mass, coefficient=0.1, static=0.13, normal=1.0, name="f")
-    branch = vf.continuation(lambda w: vf.Scene([mass], [slider, stop, vf.PointLoad(mass, vf.Sine(0.3, w))]), 0.5, 0.53)
-    assert "switch in another order in an ordinary run" in branch.notes[-1]
+@pytest.mark.parametrize(
+    ("name", "ends", "of", "kinds"),
+    [
+        ("omega", (1.2, 1.45), {"coefficient": 0.1, "damping": 0.02}, ["fold", "fold", "grazing"]),
+        ("load", (0.3, 0.375), {"coefficient": 0.15, "damping": 0.05}, ["grazing"]),
+    ],
+)
+def test_a_slider_stops_where_it_lets_its_mass_graze_a_contact(
+    name: str, ends: tuple[float, float], of: dict[str, float], kinds: list[str]
+) -> None:
+    """The slider turns there, or sticks, so that the touch lasts before and after; both directions list the same."""
+
+    def build(value: float) -> vf.Scene:
+        given = {"omega": 0.4, "load": 0.3, **of, name: value}
+        mass = vf.Mass(1.0, stiffness=1.0, damping=given["damping"], name="m")
+        stop = vf.Contact(mass, gap=0.4, stiffness=5.0, side="above", acts_on="penetration", name="stop")
+        slider = vf.Friction(mass, coefficient=given["coefficient"], normal=1.0, name="f")
+        return vf.Scene([mass], [slider, stop, vf.PointLoad(mass, vf.Sine(given["load"], given["omega"]))])
+
+    there, back = (vf.continuation(build, *way) for way in (ends, ends[::-1]))
+    assert (there.values[-1], back.values[-1]) == ends[::-1]
+    assert [mark.kind for mark in there.special] == [mark.kind for mark in reversed(back.special)] == kinds
+    np.testing.assert_allclose([m.value for m in there.special], [m.value for m in back.special][::-1], rtol=1e-8)
+    (grazing,) = (mark for mark in there.special if mark.kind == "grazing")
+    touched = grazing.orbit
+    assert touched.result.displacement(touched.scene.bodies[0]).max() == pytest.approx(0.4, rel=1e-4)
+    assert touched.residual < 1e-9
+    slider = touched.result.frictions["f"]
+    assert (slider.breaks.size > 0) == (name == "load")
 
 
 def test_what_orbits_cannot_have_is_refused_by_name() -> None:

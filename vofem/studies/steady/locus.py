@@ -326,5 +326,5 @@ def _touch(problem: Shooting, inner: Any, y: Array, special: SpecialPoint) -> tu
             f"locus: the orbit of special does not graze contact {special.contact!r}. Expected the grazing of a branch"
         )
     nearest = min(low, key=lambda e: abs(e.height))
-    chart, y, numbers = inner.edited(y, (), touch(inner, y, [contact], nearest.phase))
+    chart, y, numbers = inner.edited(y, (), touch(problem, inner, y, [contact], nearest.phase, lasts=False))
     return chart, y, numbers[1]

@@ -19,6 +19,7 @@ from vofem.studies.steady.newton import Solved, converged, direction, lowered
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.shooting import Shooting, relative
 from vofem.studies.steady.signature import Signature, SignatureEvaluation, States, signature_of
+from vofem.system import PINNED
 
 #: Steps of the state, halvings of one of them, and steps in the lengths of segments.
 _STEPS, _HALVINGS, _POLISHED = 40, 7, 10
@@ -35,8 +36,9 @@ def signature_at(problem: Shooting, unknowns: Array) -> tuple[Signature, Array]:
     whole = problem.run(unknowns)
     chart, y = signature_of(problem, whole)
     lengths = chart.lengths(y)
-    longest = int(np.argmax(lengths))
-    if min(lengths[0], lengths[-1]) >= _ANCHORED * lengths[longest]:
+    longest = chart.longest(lengths)
+    moves = PINNED not in chart.start or PINNED in chart.statuses[longest]
+    if moves and min(lengths[0], lengths[-1]) >= _ANCHORED * lengths[longest]:
         return chart, y
     # A guess that is far from an orbit does not go on after its end as at its begin.
     time = float(chart.anchor + lengths[:longest].sum() + 0.5 * lengths[longest]) / problem.loads.omega

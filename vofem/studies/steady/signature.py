@@ -105,6 +105,14 @@ class Extreme(NamedTuple):
     height: float
 
 
+class Stop(NamedTuple):
+    """Switches at which a slider comes to rest and goes on, one if it turns at once, and contacts at its points."""
+
+    first: int
+    last: int
+    held: list[int]
+
+
 class States(NamedTuple):
     """Where segments begin: coordinates of a signature, shape (m,), and the states there in unknowns, (k + 1, 2n)."""
 
@@ -186,7 +194,12 @@ class SignatureEvaluation:
         free = (np.array(self.chart.statuses) < PINNED).any(axis=1)
         segments = np.flatnonzero(free & (self.path.durations > 0.0))
         rows = self.problem.space.contacts
-        return self.extremes_among(*self.path.sampled(rows, segments, self._steps(segments, _SEARCHED, _LEAST)))
+        of, tau, u, rates = self.path.sampled(rows, segments, self._steps(segments, _SEARCHED, _LEAST))
+        # What a slider holds turns where it does, so that rounding has no say.
+        for stop in self.chart.stops(self.problem):
+            begun = int(np.searchsorted(of, stop.first, side="right"))
+            rates[stop.held, max(begun - 1, 0) : begun + 1] = 0.0
+        return self.extremes_among(of, tau, u, rates)
 
     def _steps(self, segments: Integers, whole: int, least: int) -> Integers:
         """Return the numbers of equal steps in segments, of so many in the whole orbit and at least in each."""
@@ -432,6 +445,11 @@ class Signature:
         """Return the changes of all lengths in a direction of the coordinates and the parameter, (n_switches + 1,)."""
         known = direction[direction.size - 1 - len(self.switches) : -1]
         return np.append(known, -known.sum())
+
+    def longest(self, lengths: Array) -> int:
+        """Return the longest segment, of those in which nothing rests if there are any; `lengths` (n_switches + 1,)."""
+        moves = np.array([PINNED not in status for status in self.statuses])
+        return int(np.argmax(np.where(moves, lengths, 0.0) if moves.any() else lengths))
 
     def phases(self, y: Array) -> Array:
         """Return the phases of the switches in rad, shape (n_switches,)."""
@@ -680,11 +698,27 @@ class Signature:
         speeds = evaluation.path.ends[:, n:]
         return {k: float(rows[j] @ speeds[k]) for k, j in enumerate(self.struck) if j >= 0}
 
+    def stops(self, problem: Shooting) -> list[Stop]:
+        """Return where sliders stop that hold points of contacts; none of those that rest at the anchor."""
+        sliders, found = problem.course.sliders, list[Stop]()
+        if sliders is None:
+            return found
+        rows = problem.space.contacts / np.linalg.norm(problem.space.contacts, axis=1, keepdims=True)
+        parallel = np.abs(rows @ rows[: sliders.first].T) >= 1.0 - ROUNDING
+        for k, (slider, status) in enumerate(self.switches):
+            held = np.flatnonzero(parallel[slider]).tolist()
+            if self.statuses[k][slider] <= PINNED or not held:
+                continue
+            later = (j for j in range(k + 1, len(self.switches)) if self.switches[j].contact == slider)
+            last = next(later, None) if status == PINNED else k
+            if last is not None:
+                found.append(Stop(k, last, held))
+        return found
+
     def first_touch(self, evaluation: SignatureEvaluation, flow: Flow) -> Extreme | None:
         """Return the extreme at the first touch of a flow that is none of the signature's, found however short."""
         problem, y = evaluation.problem, evaluation.y
-        laws, omega, phases = problem.system.contacts, problem.loads.omega, self.phases(y)
-        assert laws is not None
+        sliders, omega, phases = problem.course.sliders, problem.loads.omega, self.phases(y)
         left = list(zip(phases.tolist(), self.switches, strict=True))
         for index, event in enumerate(flow.events):
             phase = event.time * omega
@@ -695,6 +729,8 @@ class Signature:
             ]
             if same:
                 left.remove(same[0])
+                continue
+            if sliders is not None and event.contact >= sliders.first:
                 continue
             later = [e.time * omega for e in flow.events[index + 1 :] if e.contact == event.contact]
             segment = int(np.searchsorted(phases, phase))
@@ -825,7 +861,7 @@ class Signature:
         around = np.append(lengths[1:k], lengths[0] + lengths[k])
         if not k or min(lengths[0], lengths[-1]) >= _NEAR_ANCHOR * around.max():
             return None
-        longest = int(np.argmax(around))
+        longest = self.longest(np.append(0.0, around)) - 1
         if longest == k - 1:
             # The segment around the anchor is the longest.
             shift = 0.5 * (lengths[0] - lengths[k])

@@ -35,6 +35,9 @@ _EXACT = 1e-16
 #: are singular at length zero.
 BEYOND, _SEVERAL = 1e-8, 1e-6
 
+#: Length of one during which a slider sticks: it lasts before as the square root of the height, after as the cube root.
+_STUCK = 1e-3
+
 #: Longer ones, and the cosines of the angle between the branch and lengths that grow evenly between which they are
 #: needed: where the branch bends from there to other directions, rounding decides.
 _LONGER, _BENDS = (1e-6, 1e-5), (0.14, 0.99999)
@@ -95,6 +98,14 @@ _DIFFERENCE = 1e-6
 
 #: Two switches of a signature, or one twice, by their numbers.
 _Pair = tuple[int, int]
+
+
+class _Begun(NamedTuple):
+    """What has begun in a signature: its first and last switch, and those that end its lengths; an impact has none."""
+
+    first: int
+    last: int
+    ends: tuple[int, ...] = ()
 
 
 class Mark(NamedTuple):
@@ -202,7 +213,7 @@ def _lowest(family: Family, now: Point, after: Point) -> float | None:
     along = [step**2 / max(float(secant @ (p.tangent * p.scales / now.scales)), 0.1 * step) for p in (now, after)]
     ends = np.array([chart.lengths(p.y[:-1]) for p in (now, after)])
     slopes = np.array([a * chart.rates(p.tangent * p.scales) for p, a in zip((now, after), along, strict=True)])
-    inside = [slice(p + 1, k + 1) for p, k in _spans(chart)]
+    inside = [slice(p + 1, last + 1) for (p, _), last in _spans(now.problem, chart).items()]
     known = [(*ends[:, one].sum(axis=1), *slopes[:, one].sum(axis=1)) for one in inside]
     heights, rates = _extremes_along(family, (now, after), along, -_REACH * step)
     whole = np.isfinite(heights).all(axis=0)
@@ -305,10 +316,11 @@ def ending(family: Family, now: Point) -> Passage | None:
     """
     chart: Signature = now.chart
     lengths, rates = chart.lengths(now.y[:-1]), chart.rates(now.tangent * now.scales)
+    touches, spans = chart.touches, _spans(now.problem, chart)
     ahead = {
-        (p, k): float(lengths[p + 1 : k + 1].sum() / -rates[p + 1 : k + 1].sum())
-        for p, k in chart.touches
-        if 0.0 < lengths[p + 1 : k + 1].sum() < _NEARLY and rates[p + 1 : k + 1].sum() < 0.0
+        (p, k): float(lengths[p + 1 : last + 1].sum() / -rates[p + 1 : last + 1].sum())
+        for (p, k), last in spans.items()
+        if (p, k) in touches and 0.0 < lengths[p + 1 : last + 1].sum() < _NEARLY and rates[p + 1 : last + 1].sum() < 0.0
     }
     if not ahead:
         return None
@@ -362,10 +374,21 @@ def resting(family: Family, now: Point, guess: Array) -> Passage | None:
 # -- what is watched ----------------------------------------------------------------------------------
 
 
-def _spans(chart: Signature) -> list[_Pair]:
-    """Return pairs of switches that stay in their order: of touches and sticks, and neighbours of two contacts."""
-    s = chart.switches
-    return [*chart.touches, *chart.sticks, *((k - 1, k) for k in range(1, len(s)) if s[k].contact != s[k - 1].contact)]
+def _spans(problem: Any, chart: Signature) -> dict[_Pair, int]:
+    """Return pairs of switches that stay in their order, of touches and sticks, and neighbours of two contacts.
+
+    Each comes with the switch up to which its time counts. A touch during which a slider holds the point that touches
+    ends with its begin: the time up to the stop of the slider vanishes. Both cannot switch in another order.
+    """
+    s, stops = chart.switches, chart.stops(problem)
+    found = {pair: pair[1] for pair in (*chart.touches, *chart.sticks)}
+    for p, k in chart.touches:
+        found[p, k] = next((stop.first for stop in stops if p < stop.first < k and s[p].contact in stop.held), k)
+    held = {(at, j) for stop in stops for at in (stop.first, stop.last) for j in stop.held}
+    for k in range(1, len(s)):
+        if s[k].contact != s[k - 1].contact and not {(k, s[k - 1].contact), (k - 1, s[k].contact)} & held:
+            found[k - 1, k] = k
+    return found
 
 
 def _watched(point: Point) -> dict[_Pair, tuple[float, float]]:
@@ -373,8 +396,8 @@ def _watched(point: Point) -> dict[_Pair, tuple[float, float]]:
     chart: Signature = point.chart
     lengths, s = chart.lengths(point.y[:-1]), chart.switches
     found = {
-        (p, k): (float(lengths[p + 1 : k + 1].sum()), AT_ONCE if s[p].contact != s[k].contact else 0.0)
-        for p, k in _spans(chart)
+        (p, k): (float(lengths[p + 1 : last + 1].sum()), AT_ONCE if s[p].contact != s[k].contact else 0.0)
+        for (p, k), last in _spans(point.problem, chart).items()
     }
     rounding = ROUNDING * point.evaluation.sizes[1]
     found |= {(k, k): (x, rounding) for k, x in chart.approaches(point.problem, point.evaluation).items()}
@@ -452,7 +475,14 @@ def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple
         return _swapped(family, now, after, guess, pairs[0][1], near.evaluation), pairs
     phases = old.phases(guess[:-1])
     gone = sorted({index for p, k in pairs for index in _gone(now.problem, old, p, k)})
-    middles = [Mark(old.switches[k].contact, float(0.5 * (phases[p] + phases[k]))) for p, k in pairs]
+    during = {pair: stop for pair in pairs for stop in old.stops(now.problem) if pair[0] < stop.first < pair[1]}
+    middles = [
+        Mark(
+            old.switches[k].contact,
+            float(phases[during[p, k].first] if (p, k) in during else 0.5 * (phases[p] + phases[k])),
+        )
+        for p, k in pairs
+    ]
     out, y, _ = old.edited(guess[:-1], gone)
     upwards = np.append(np.zeros(y.size), 1.0)
     begins = old.begins_of(near.evaluation, gone)
@@ -469,7 +499,8 @@ def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple
     n = now.problem.size
     phases[[k for k in range(phases.size) if k not in gone]] = out.phases(outer.y[:-1])
     for (p, k), mark in zip(pairs, ended, strict=True):
-        phases[[p, k]] = mark.phase
+        stop = during.get((p, k))
+        phases[[p, k]] = mark.phase if stop is None else phases[[stop.first, stop.last]]
     left = outer.y[n + len(out.switches) :]
     zero = np.concatenate([outer.y[:n], np.diff(np.append(old.anchor, phases)), left])
     _between(now, after, zero)
@@ -479,8 +510,7 @@ def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple
             groups[-1] = groups[-1][0], max(groups[-1][1], k)
         else:
             groups.append((p, k))
-    places = [((p + k + 1) // 2, (k - p + 1) // 2) for p, k in groups]
-    inner = _beyond(family, old, zero, places, near.evaluation)
+    inner = _beyond(family, old, zero, [_lasting(now.problem, old, p, k) for p, k in groups], near.evaluation)
     if inner is None:
         raise ConvergenceError("what ends at a grazing does not do so in one direction of the branch")
     before, values = inner.turned(), _watched(now)
@@ -557,7 +587,7 @@ def _outside(
     `near`: an evaluation near the guess, or `States`.
     """
     known = chart.evaluate(family.of(guess), guess[:-1], derivative=False, near=near)
-    long, y, begins, ((k, _),) = _begun(known, chart, guess[:-1], [mark], touches=True)
+    long, y, begins, ((_, k, _),) = _begun(known, chart, guess[:-1], [mark], touches=True)
     at = _with_length(family, long, np.append(y, guess[-1]), known.problem.size + k, 0.0, begins)
     slides = _law(at.problem, mark.contact) == "stick"
     mark = mark._replace(phase=float(long.phases(at.y[:-1])[k]))
@@ -577,18 +607,17 @@ def _outside(
 
 def _inside(family: Family, outer: Point, marks: Sequence[Mark]) -> Point | None:
     """Return the first orbit in which all has begun that is about to; None if there is none beside."""
-    chart, y, begins, places = _begun(outer.evaluation, outer.chart, outer.y[:-1], marks)
-    inner = _beyond(family, chart, np.append(y, outer.value), places, begins)
+    chart, y, begins, begun = _begun(outer.evaluation, outer.chart, outer.y[:-1], marks)
+    inner = _beyond(family, chart, np.append(y, outer.value), begun, begins)
     return inner if inner is None else _not_turned(inner, outer)
 
 
 def _begun(
     known: Any, chart: Signature, y: Array, marks: Sequence[Mark], *, touches: bool = False
-) -> tuple[Signature, Array, States, list[tuple[int, int]]]:
+) -> tuple[Signature, Array, States, list[_Begun]]:
     """Return the signature in which marks have begun without any length, coordinates, states, and what has begun.
 
-    For each touch or stick the number of the switch that ends its length, and of the contacts that touch at once; for
-    an impact its number, and 0. `touches`: impacts on rigid stops are touches without length too.
+    `touches`: impacts on rigid stops are touches without length too, and none lasts while a slider is at rest.
     """
     problem = known.problem
     groups: list[tuple[float, list[int]]] = []
@@ -604,50 +633,73 @@ def _begun(
             law = _law(problem, contact)
             if law == "stick":
                 k = _turn(chart, phases, contact, phase)
-                ends.append((len(added), 1, 1))
+                ends.append((len(added), len(added), 1))
                 added.append((k, float(phases[k]), Switch(contact, PINNED)))
             elif law == "impact" and not touches:
-                ends.append((len(added), 0, 0))
+                ends.append((len(added), len(added), 0))
                 added.append((number, phase, Switch(contact, int(chart.statuses[number][contact]))))
             else:
                 touched.append(contact)
         if touched:
-            ends.append((len(added) + len(touched), 0, len(touched)))
-            added += touch(chart, y, touched, phase)
+            ends.append((len(added), len(added) + 2 * len(touched) - 1, 0))
+            added += touch(problem, chart, y, touched, phase, lasts=not touches)
     begins = chart.begins_of(known, (), added)
     chart, y, numbers = chart.edited(y, (), added)
-    return chart, y, begins, [(numbers[index] + later, count) for index, later, count in ends]
+    begun = [(numbers[first], numbers[last] + later) for first, last, later in ends]
+    return chart, y, begins, [_Begun(p, k) if p == k else _lasting(problem, chart, p, k) for p, k in begun]
 
 
-def touch(chart: Signature, y: Array, contacts: Sequence[int], phase: float) -> list[tuple[int, float, Switch]]:
-    """Return what `Signature.edited` adds for a touch of length zero by one or more contacts at once."""
-    number = int(np.searchsorted(chart.phases(y), phase))
-    now = chart.statuses[number]
-    there = [Switch(j, OPEN if now[j] == CLOSED else CLOSED) for j in contacts]
-    return [(number, phase, one) for one in (*there, *(Switch(j, int(now[j])) for j in contacts))]
+def _lasting(problem: Any, chart: Signature, first: int, last: int) -> _Begun:
+    """Return a touch or stick that has begun; a slider may stop in a touch, which lasts before and after its stop."""
+    stop = next((one for one in chart.stops(problem) if first < one.first < last), None)
+    return _Begun(first, last, ((first + last + 1) // 2,) if stop is None else (stop.first, stop.last + 1))
 
 
-def _beyond(family: Family, chart: Signature, y: Array, places: Sequence[tuple[int, int]], near: Any) -> Point | None:
+def touch(
+    problem: Any, chart: Signature, y: Array, contacts: Sequence[int], phase: float, *, lasts: bool
+) -> list[tuple[int, float, Switch]]:
+    """Return what `Signature.edited` adds for a touch of length zero by one or more contacts at once.
+
+    Where a slider holds the points that touch, they do so when it stops. `lasts`: as long as it is at rest.
+    """
+    phases = chart.phases(y)
+    first = last = int(np.searchsorted(phases, phase))
+    begins = ends = phase
+    stops = [one for one in chart.stops(problem) if set(contacts) <= set(one.held)]
+    if stops:
+        stop = min(stops, key=lambda one: abs(float(phases[one.first]) - phase))
+        first, last = stop.first, stop.last + 1 if lasts else stop.first
+        begins, ends = (float(phases[stop.first]), float(phases[stop.last if lasts else stop.first]))
+    now = chart.statuses[first]
+    there = [(first, begins, Switch(j, OPEN if now[j] == CLOSED else CLOSED)) for j in contacts]
+    return there + [(last, ends, Switch(j, int(now[j]))) for j in contacts]
+
+
+def _beyond(family: Family, chart: Signature, y: Array, begun: Sequence[_Begun], near: Any) -> Point | None:
     """Return the orbit just beyond one at which something begins without length or speed, as `_begun` tells.
 
     None if none beside has all of it. `near`: an evaluation near the coordinates, or `States`.
     """
     problem = family.of(y)
     n = problem.size
-    laws = {_law(problem, chart.switches[k].contact) for k, _ in places}
-    lengths, hits = [n + k for k, count in places if count], [k for k, count in places if not count]
+    laws = {_law(problem, chart.switches[one.last].contact) for one in begun}
+    lasting, hits = [one for one in begun if one.ends], [one.last for one in begun if not one.ends]
+    lengths = [n + k for one in lasting for k in one.ends]
     if not laws & {"impact", "jump"}:
         # Where forces are smooth, the parameter changes as squared lengths, or as those of sticks.
         inner: Point | None = None
-        for length in sorted({_SEVERAL if sum(count for _, count in places) > 1 else BEYOND, *_LONGER}):
+        several = len(lasting) > 1 or lasting[0].last - lasting[0].first > len(lasting[0].ends)
+        sticks = any(one.ends[-1] > one.ends[0] + 1 for one in lasting)
+        for length in (_STUCK,) if sticks else sorted({_SEVERAL if several else BEYOND, *_LONGER}):
             guess = y.copy()
-            for k, count in places:
-                guess[n + k] = length
-                guess[n + k - count] -= 0.5 * length
-                if k + count < len(chart.switches):
-                    guess[n + k + count] -= 0.5 * length
+            for first, last, ends in lasting:
+                guess[[n + k for k in ends]] = length
+                guess[n + first] -= 0.5 * length * len(ends)
+                if last + 1 < len(chart.switches):
+                    guess[n + last + 1] -= 0.5 * length * len(ends)
             try:
-                inner = _with_length(family, chart, guess, lengths[0], length, near, alone=len(lengths) == 1)
+                place = n + lasting[0].ends[-1]
+                inner = _with_length(family, chart, guess, place, length, near, alone=len(lasting) == 1)
             except ConvergenceError:
                 if inner is None:
                     raise
