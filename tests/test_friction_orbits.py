@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -135,6 +136,44 @@ def test_branches_along_the_friction_are_those_of_each_value(
     assert branch.amplitude(mass)[[0, -1]] == pytest.approx(amplitudes, rel=1e-9)
     beside = vf.periodic(build(ends[1]), guess=first, method=first.method)
     assert beside.amplitude(beside.scene.bodies[0]) == pytest.approx(amplitudes[1], rel=1e-9)
+
+
+def damped(omega: float, static: float | None = None) -> vf.Scene:
+    """Return a damped mass on a spring with friction, under a load of four times its limit."""
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.05, name="mass")
+    pad = vf.Friction(mass, coefficient=0.5, static=static, normal=2.0, name="pad")
+    return vf.Scene([mass], [pad, vf.PointLoad(mass, vf.Sine(4.0, omega))])
+
+
+def test_a_branch_passes_stops_of_a_slider_that_slides_on_and_its_motions_while_it_sticks() -> None:
+    """Both directions list the same; runs from rest stop as often as orbits between the special points."""
+    there, back = vf.continuation(damped, 0.5, 0.2), vf.continuation(damped, 0.2, 0.5)
+    assert (there.values[-1], back.values[-1]) == (0.2, 0.5)
+    assert [mark.kind for mark in (*there.special, *back.special)] == ["sticking"] * 16
+    values = np.array([mark.value for mark in there.special])
+    np.testing.assert_allclose(values, np.array([mark.value for mark in back.special])[::-1], rtol=1e-8)
+    # Both halves of the symmetric orbit change at once.
+    np.testing.assert_allclose(values[::2], values[1::2], rtol=1e-12)
+    edges = [0.5, *values[::2], 0.2]
+    for high, low in itertools.pairwise(edges):
+        omega = 0.5 * (high + low)
+        (orbit,) = there.at(omega)
+        settled = vf.simulate(damped(omega), 24.0 * orbit.period, method="event_driven")
+        last = settled.frictions["pad"].stops > 23.0 * orbit.period
+        assert orbit.result.frictions["pad"].stops.size == last.sum()
+        mass = orbit.scene.bodies[0]
+        late = np.linspace(23.0, 24.0, 2001) * orbit.period
+        moved = vf.simulate(damped(omega), late[-1], method="event_driven", times=[0.0, *late])
+        assert orbit.amplitude(mass) == pytest.approx(
+            0.5 * np.ptp(moved.displacement(moved.scene.bodies[0])[1:]), rel=1e-5
+        )
+
+
+def test_a_branch_ends_where_a_slider_with_static_friction_stops_while_it_slides() -> None:
+    """It sticks for a time that is not short, so that the motion jumps; the note says so."""
+    branch = vf.continuation(lambda omega: damped(omega, static=0.7), 0.5, 0.2)
+    assert branch.values[-1] > 0.2
+    assert "where static friction is larger than that of sliding, the motion jumps" in branch.notes[-1]
 
 
 @pytest.mark.parametrize(

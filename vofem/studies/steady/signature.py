@@ -48,6 +48,9 @@ _RANGE, _SEARCHED, _LEAST_RANGE, _LEAST = 600, 20000, 16, 128
 #: changes the extreme by the square.
 _CUTS, _FINE = 60, 1e-9
 
+#: Parts of the bracket of a slider's extreme, and how often one is searched anew.
+_ZOOM, _ZOOMS = 16, 9
+
 #: Height of an extreme, over the size of the motion, below which it is not computed exactly.
 _LOW = -0.05
 
@@ -96,7 +99,8 @@ class Switch(NamedTuple):
 class Extreme(NamedTuple):
     """An extreme of a gap function: its contact, segment, phase in rad, and height over the size of the motion.
 
-    The height is positive on the wrong side, where the contact would switch.
+    The height is positive on the wrong side, where the contact would switch. Sliders have them too: of their speeds
+    while they slide, of their reactions over their limits while they stick, and where they come to rest.
     """
 
     contact: int
@@ -199,7 +203,51 @@ class SignatureEvaluation:
         for stop in self.chart.stops(self.problem):
             begun = int(np.searchsorted(of, stop.first, side="right"))
             rates[stop.held, max(begun - 1, 0) : begun + 1] = 0.0
-        return self.extremes_among(of, tau, u, rates)
+        return sorted([*self.extremes_among(of, tau, u, rates), *self._slips()])
+
+    def _slips(self) -> list[Extreme]:
+        """Return the extremes of sliders."""
+        sliders, path, found = self.problem.course.sliders, self.path, list[Extreme]()
+        first = len(self.chart.start) if sliders is None else sliders.first
+        for segment in np.flatnonzero(path.durations > 0.0).tolist():
+            came = self.chart.switches[segment - 1] if segment else None
+            for slider in range(first, len(self.chart.start)):
+                times = np.linspace(0.0, path.durations[segment], _LEAST + 1)
+                heights = self._slip(segment, slider, times)
+                places = (np.flatnonzero((heights[1:-1] > heights[:-2]) & (heights[1:-1] >= heights[2:])) + 1).tolist()
+                if came == (slider, PINNED):
+                    places.insert(0, 0)
+                for place in places:
+                    time, height = times[place], heights[place]
+                    if place and height > _LOW:
+                        time, height = self._highest(segment, slider, times[place - 1], times[place + 1])
+                    phase = float(path.times[segment] + time) * self.problem.loads.omega
+                    found.append(Extreme(slider, segment, phase, float(height)))
+        return found
+
+    def _slip(self, segment: int, slider: int, tau: Array) -> Array:
+        """Return by how much a slider that slides has turned back, or one that sticks exceeds its limit, (n_times,)."""
+        course, status, n = self.problem.course, self.chart.statuses[segment], self.problem.size // 2
+        if status[slider] == PINNED:
+            kept, held = course.stuck(status), int(np.sum(status[:slider] == PINNED))
+            assert course.sliders is not None
+            assert kept is not None
+            pull = self.path.motion(segment).reactions(tau)[held]
+            pull = pull + kept.reaction[held] @ self.path.starts[segment, :n]
+            return np.asarray(np.abs(pull) / course.sliders.static[slider - course.sliders.first] - 1.0)
+        row = self.problem.space.contacts[slider][None]
+        speeds = self.path.rows(row, np.full(tau.size, segment))(tau)[1][0]
+        back = -speeds if status[slider] == UP else speeds
+        return back / float(np.linalg.norm(row) * self.sizes[1])
+
+    def _highest(self, segment: int, slider: int, low: float, high: float) -> tuple[float, float]:
+        """Return the time and the value of the largest of `_slip` in a bracket."""
+        for _ in range(_ZOOMS):
+            times = np.linspace(low, high, _ZOOM + 1)
+            heights = self._slip(segment, slider, times)
+            k = int(np.argmax(heights))
+            low, high = times[max(k - 1, 0)], times[min(k + 1, _ZOOM)]
+        return float(times[k]), float(heights[k])
 
     def _steps(self, segments: Integers, whole: int, least: int) -> Integers:
         """Return the numbers of equal steps in segments, of so many in the whole orbit and at least in each."""
@@ -765,17 +813,16 @@ class Signature:
         return found
 
     @cached_property
-    def sticks(self) -> list[tuple[int, int]]:
-        """Pairs of switches between which a slider sticks, but for one that sticks at the anchor."""
+    def spells(self) -> list[tuple[int, int]]:
+        """Pairs of switches between which a slider sticks, or slides until it sticks, but for those over the anchor."""
         found = []
         began: dict[int, int] = {}
         for k, (contact, status) in enumerate(self.switches):
-            before = self.statuses[k][contact]
-            if before > PINNED and status == PINNED:
-                began[contact] = k
-            elif before == PINNED and status > PINNED and contact in began:
+            if PINNED in (status, self.statuses[k][contact]) and contact in began:
                 found.append((began[contact], k))
-        return found
+            if max(status, self.statuses[k][contact]) > PINNED:
+                began[contact] = k
+        return [(p, k) for p, k in found if PINNED in (self.switches[p].status, self.switches[k].status)]
 
     # -- other signatures -----------------------------------------------------------------------------
 

@@ -22,8 +22,8 @@ class SpecialPoint:
         "fold": a multiplier is 1 and the branch turns smoothly in its parameter. "branch_point": a multiplier passes 1
         and the branch does not turn, or the branch comes back along mirrored orbits. "period_doubling": a multiplier
         passes -1. "neimark_sacker": a pair of complex multipliers crosses the unit circle. "grazing": a local extremum
-        of a gap function touches zero, whether or not the branch turns there. "sticking": a friction begins to stick
-        where it turned at once, or ceases to.
+        of a gap function touches zero, whether or not the branch turns there. "sticking": a stop of a slider begins
+        or ends, where it turns or on its way, or a motion while it sticks.
     value : float
         Value of the branch's parameter at the point.
     orbit : PeriodicOrbit

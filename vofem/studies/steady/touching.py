@@ -20,6 +20,7 @@ from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.flow import Flow
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
+from vofem.laws.friction import DOWN, UP
 from vofem.studies.steady.between import Step, point_between
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.near import polished
@@ -36,7 +37,12 @@ _EXACT = 1e-16
 BEYOND, _SEVERAL = 1e-8, 1e-6
 
 #: Length of one during which a slider sticks: it lasts before as the square root of the height, after as the cube root.
-_STUCK = 1e-3
+#: A slider that stops and slides on, or slides while it sticks, does so at least for nearly as long, since equations
+#: are singular where that vanishes.
+_STUCK, _NEARLY_STUCK = 1e-3, 0.999e-3
+
+#: Largest height of a slider's extreme, over its limit or the speed of the motion, in the orbit at its limit.
+_AT_LIMIT = 1e-10
 
 #: Longer ones, and the cosines of the angle between the branch and lengths that grow evenly between which they are
 #: needed: where the branch bends from there to other directions, rounding decides.
@@ -96,6 +102,12 @@ _RESTS, _STRAIGHT = 1e-4, 0.9
 #: Step in scaled coordinates by which heights, speeds and reactions are differentiated.
 _DIFFERENCE = 1e-6
 
+#: Why a branch ends where a slider stops or breaks away for some time at once.
+_JUMPS = (
+    "a slider stops or begins to slide there, for a time that is not short: where static friction is larger than that "
+    "of sliding, the motion jumps"
+)
+
 #: Two switches of a signature, or one twice, by their numbers.
 _Pair = tuple[int, int]
 
@@ -109,10 +121,14 @@ class _Begun(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """Where in an orbit a contact may begin to touch, or a slider, which turns there, to stick: phase in rad."""
+    """Where in an orbit a contact may begin to touch, or a slider to stick or to slide: phase in rad.
+
+    `turns`: whether it is a slider that turns there.
+    """
 
     contact: int
     phase: float
+    turns: bool = False
 
 
 @dataclass(frozen=True)
@@ -258,8 +274,9 @@ def _extremes_along(
         known = {number: e for number, e in mine if e is not None}
         new = [e for e in known.values() if e not in point.leaving]
         if new:
-            away = _away_along(family, point, [Mark(e.contact, e.phase) for e in new])
-            point.leaving.update(zip(new, away / point.evaluation.size_of([e.contact for e in new]), strict=True))
+            point.leaving.update(
+                zip(new, _away_along(family, point, [Mark(e.contact, e.phase) for e in new]), strict=True)
+            )
         for number, e in known.items():
             found[:, k, number] = e.height, along[k] * point.leaving[e]
     return found[0], found[1]
@@ -381,7 +398,7 @@ def _spans(problem: Any, chart: Signature) -> dict[_Pair, int]:
     ends with its begin: the time up to the stop of the slider vanishes. Both cannot switch in another order.
     """
     s, stops = chart.switches, chart.stops(problem)
-    found = {pair: pair[1] for pair in (*chart.touches, *chart.sticks)}
+    found = {pair: pair[1] for pair in (*chart.touches, *chart.spells)}
     for p, k in chart.touches:
         found[p, k] = next((stop.first for stop in stops if p < stop.first < k and s[p].contact in stop.held), k)
     held = {(at, j) for stop in stops for at in (stop.first, stop.last) for j in stop.held}
@@ -396,7 +413,10 @@ def _watched(point: Point) -> dict[_Pair, tuple[float, float]]:
     chart: Signature = point.chart
     lengths, s = chart.lengths(point.y[:-1]), chart.switches
     found = {
-        (p, k): (float(lengths[p + 1 : last + 1].sum()), AT_ONCE if s[p].contact != s[k].contact else 0.0)
+        (p, k): (
+            float(lengths[p + 1 : last + 1].sum()) - _NEARLY_STUCK * _slips(chart, p, k),
+            AT_ONCE if s[p].contact != s[k].contact else 0.0,
+        )
         for (p, k), last in _spans(point.problem, chart).items()
     }
     rounding = ROUNDING * point.evaluation.sizes[1]
@@ -418,6 +438,9 @@ def _vanishing(now: Point, after: Point, without: Collection[_Pair] = ()) -> lis
     for share, (p, k) in found:
         if not _ends(chart, (p, k)):
             if p == k:
+                if any(one == p for _, (one, _) in ends):
+                    # It turns for the stop that vanishes.
+                    continue
                 changes.append(_Change(share, begins=_mark(chart, now.y, k)))
             elif not any(one <= p and k <= other for _, (one, other) in ends):
                 changes.append(_Change(share, ((p, k),)))
@@ -434,7 +457,8 @@ def _ends(chart: Signature, pair: _Pair) -> bool:
 
 
 def _mark(chart: Signature, y: Array, k: int) -> Mark:
-    return Mark(chart.switches[k].contact, float(chart.phases(y[:-1])[k]))
+    contact, status = chart.switches[k]
+    return Mark(contact, float(chart.phases(y[:-1])[k]), min(status, int(chart.statuses[k][contact])) > PINNED)
 
 
 def _touching(now: Point, after: Point, flow: Flow | None = None) -> list[_Change]:
@@ -480,6 +504,7 @@ def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple
         Mark(
             old.switches[k].contact,
             float(phases[during[p, k].first] if (p, k) in during else 0.5 * (phases[p] + phases[k])),
+            _turns(old, p, k) and old.switches[p].status == PINNED,
         )
         for p, k in pairs
     ]
@@ -488,8 +513,8 @@ def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple
     begins = old.begins_of(near.evaluation, gone)
     outer, every = _outside(family, out, np.append(y, guess[-1]), middles[0], upwards, begins)
     ended: list[Mark] = []
-    for contact, middle in middles:
-        mine = [mark for mark in every if mark.contact == contact]
+    for contact, middle, turns in middles:
+        mine = [mark for mark in every if mark.contact == contact and mark.turns == turns]
         ended += sorted(mine, key=lambda mark: abs(mark.phase - middle))[:1]
     if len(set(ended)) < len(pairs):
         if len(pairs) > 1:
@@ -503,7 +528,9 @@ def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple
         phases[[p, k]] = mark.phase if stop is None else phases[[stop.first, stop.last]]
     left = outer.y[n + len(out.switches) :]
     zero = np.concatenate([outer.y[:n], np.diff(np.append(old.anchor, phases)), left])
-    _between(now, after, zero)
+    slips = any(_slips(old, *pair) for pair in pairs)
+    if not slips:
+        _between(now, after, zero)
     groups: list[_Pair] = []
     for p, k in sorted(pairs):
         if groups and p < groups[-1][1]:
@@ -513,6 +540,8 @@ def _located(family: Family, now: Point, after: Point, change: _Change) -> tuple
     inner = _beyond(family, old, zero, [_lasting(now.problem, old, p, k) for p, k in groups], near.evaluation)
     if inner is None:
         raise ConvergenceError("what ends at a grazing does not do so in one direction of the branch")
+    if slips:
+        _between(now, after, inner.y)
     before, values = inner.turned(), _watched(now)
     nearer = _watched(before)
     if any(not 0.0 < nearer[pair][0] < values[pair][0] for pair in pairs):
@@ -535,7 +564,7 @@ def _opposed(family: Family, before: Point, outer: Point, ended: Mark) -> bool:
     evenly through a grazing; beside a stiff contact they do so within a length that is rounding only.
     """
     away = float(_away_along(family, outer, [ended])[0])
-    if _law(outer.problem, ended.contact) != "smooth" or abs(away) > _LEAVES * outer.evaluation.size_of(ended.contact):
+    if _law(outer.problem, ended.contact) != "smooth" or abs(away) > _LEAVES:
         return away < 0.0
     own = [*range(outer.problem.size), -1]
     come, gone = ((point.tangent * point.scales)[own] / outer.scales[own] for point in (before, outer))
@@ -567,16 +596,28 @@ def _swapped(family: Family, now: Point, after: Point, guess: Array, k: int, nea
     return Passage(_along(now, at), at, beyond, ())
 
 
+def _turns(chart: Signature, p: int, k: int) -> bool:
+    """Return whether a slider turns where what it does between two switches ends: only one of both is left."""
+    contact, status = chart.switches[k]
+    before = int(chart.statuses[p][contact])
+    return before > PINNED and before != status
+
+
+def _slips(chart: Signature, p: int, k: int) -> bool:
+    """Return whether a slider stops between two switches and slides on, or slides until it stops."""
+    contact, status = chart.switches[k]
+    if chart.switches[p].contact != contact or max(status, int(chart.statuses[k][contact])) <= PINNED:
+        return False
+    return status == PINNED or not _turns(chart, p, k)
+
+
 def _gone(problem: Any, chart: Signature, p: int, k: int) -> list[int]:
     """Return the switches that the orbit outside does not have, of what ends between two of them."""
     if _law(problem, chart.switches[k].contact) != "stick":
         return [p, k]
     if k != p + 1:
         raise ConvergenceError("a slider ceases to stick while contacts switch")
-    if chart.statuses[p][chart.switches[p].contact] == chart.switches[k].status:
-        raise ConvergenceError("a slider ceases to stick where it goes on in the same direction")
-    # It turns instead.
-    return [p]
+    return [p] if _turns(chart, p, k) else [p, k]
 
 
 def _outside(
@@ -586,6 +627,86 @@ def _outside(
 
     `near`: an evaluation near the guess, or `States`.
     """
+    if _law(family.of(guess), mark.contact) == "stick" and not mark.turns:
+        point, mark = _at_limit(family, chart, guess, mark, towards, near)
+        rounding = max(_TOGETHER, 4.0 * abs(_nearest(point.evaluation, mark).height))
+    else:
+        point, mark = _without_length(family, chart, guess, mark, towards, near)
+        rounding = _TOGETHER
+        if mark.turns and _breaks(point.problem, mark.contact) and _stays(point, mark):
+            raise ConvergenceError(_JUMPS)
+    y = point.y
+    own = [_mark(chart, y, k) for k in range(len(chart.switches))]
+    own = [one for one in own if _law(point.problem, one.contact) != "stick"]
+    found = [
+        Mark(e.contact, e.phase)
+        for e in point.evaluation.extremes
+        if abs(e.height) <= rounding and not _among(chart, [mark, *own], e.contact, e.phase)
+    ]
+    margins = chart.margins(point.problem, point.evaluation)
+    turns = [_mark(chart, y, k) for k, margin in margins.items() if abs(margin) <= rounding]
+    return point, [mark, *found, *(turn for turn in turns if not _among(chart, [mark], turn.contact, turn.phase))]
+
+
+def _nearest(evaluation: Any, mark: Mark) -> Extreme:
+    """Return the extreme of a slider that is nearest to a mark."""
+    mine = [e for e in evaluation.extremes if e.contact == mark.contact]
+    if not mine:
+        raise ConvergenceError("a slider no longer comes near to where it begins to stick or to slide")
+    turn = evaluation.chart.turn
+    return min(mine, key=lambda e: abs((e.phase - mark.phase + 0.5 * turn) % turn - 0.5 * turn))
+
+
+def _at_limit(
+    family: Family, chart: Signature, guess: Array, mark: Mark, towards: Array, near: Any
+) -> tuple[Point, Mark]:
+    """Return the orbit near a guess in which a slider just stops, or just begins to slide, and where in the orbit."""
+    problem = family.of(guess)
+    if _breaks(problem, mark.contact):
+        raise ConvergenceError(_JUMPS)
+    if all(status[mark.contact] == PINNED for status in chart.statuses):
+        raise ConvergenceError("a slider begins to slide there, which can rest in many places until then")
+    evaluation = chart.evaluate(problem, guess[:-1], near=near)
+    scales = scales_of(family, chart, problem, evaluation)
+    by_value = derivative_by_value(family, chart, guess, evaluation)
+    direction, best = towards / np.linalg.norm(towards), np.inf
+    for _ in range(_MOST):
+        y, evaluation = corrected(family, chart, guess, scales, direction, by_value, tolerance=_EXACT, near=evaluation)
+        point = point_at(family, chart, y, direction, evaluation)
+        found = _nearest(point.evaluation, mark)
+        mark = mark._replace(phase=found.phase)
+        if abs(found.height) <= ROUNDING or abs(found.height) >= 0.5 * best:
+            break
+        best, scales, by_value, direction = abs(found.height), point.scales, point.by_value, point.tangent
+        away = float(_away_along(family, point, [mark])[0])
+        guess = point.y + found.height / away * point.tangent * point.scales
+    if abs(found.height) > _AT_LIMIT:
+        raise ConvergenceError("the orbit in which a slider just stops or begins to slide was not found")
+    return (point if point.tangent @ towards >= 0.0 else point.turned()), mark
+
+
+def _breaks(problem: Any, slider: int) -> bool:
+    """Return whether the force of a slider jumps where it breaks away."""
+    sliders = problem.course.sliders
+    return bool(sliders.static[slider - sliders.first] > sliders.limit[slider - sliders.first])
+
+
+def _stays(point: Point, mark: Mark) -> bool:
+    """Return whether a slider that begins to stick where it turns would do so for long: what pulls at it decreases."""
+    chart, problem, path = point.chart, point.problem, point.evaluation.path
+    k = _turn(chart, chart.phases(point.y[:-1]), mark.contact, mark.phase)
+    stuck = chart.statuses[k].copy()
+    stuck[mark.contact] = PINNED
+    time, tau = float(path.times[k] + path.durations[k]), _STUCK / problem.loads.omega
+    held = int(np.sum(stuck[: mark.contact] == PINNED))
+    pull = problem.course.motion(stuck, np.array([time]), path.ends[k][None]).reactions(np.array([0.0, tau]))[held]
+    return bool((pull[1] - pull[0]) * (1.0 if chart.switches[k].status == UP else -1.0) < 0.0)
+
+
+def _without_length(
+    family: Family, chart: Signature, guess: Array, mark: Mark, towards: Array, near: Any
+) -> tuple[Point, Mark]:
+    """Return the orbit near a guess in which something has begun that has no length, and where in the orbit."""
     known = chart.evaluate(family.of(guess), guess[:-1], derivative=False, near=near)
     long, y, begins, ((_, k, _),) = _begun(known, chart, guess[:-1], [mark], touches=True)
     at = _with_length(family, long, np.append(y, guess[-1]), known.problem.size + k, 0.0, begins)
@@ -593,16 +714,7 @@ def _outside(
     mark = mark._replace(phase=float(long.phases(at.y[:-1])[k]))
     gone = [k - 1] if slides else [k - 1, k]
     y = np.append(long.edited(at.y[:-1], gone)[1], at.value)
-    point = point_at(family, chart, y, towards, near=long.begins_of(at.evaluation, gone))
-    own = [_mark(chart, y, k) for k in range(len(chart.switches))]
-    found = [
-        Mark(e.contact, e.phase)
-        for e in point.evaluation.extremes
-        if abs(e.height) <= _TOGETHER and not _among(chart, [mark, *own], e.contact, e.phase)
-    ]
-    margins = chart.margins(point.problem, point.evaluation)
-    turns = [own[k] for k, margin in margins.items() if abs(margin) <= _TOGETHER]
-    return point, [mark, *found, *(turn for turn in turns if not _among(chart, [mark], *turn))]
+    return point_at(family, chart, y, towards, near=long.begins_of(at.evaluation, gone)), mark
 
 
 def _inside(family: Family, outer: Point, marks: Sequence[Mark]) -> Point | None:
@@ -620,21 +732,21 @@ def _begun(
     `touches`: impacts on rigid stops are touches without length too, and none lasts while a slider is at rest.
     """
     problem = known.problem
-    groups: list[tuple[float, list[int]]] = []
-    for contact, phase in sorted(marks, key=lambda mark: mark.phase):
-        if groups and _alike(chart, groups[-1][0], phase):
-            groups[-1][1].append(contact)
+    groups: list[tuple[float, list[Mark]]] = []
+    for mark in sorted(marks, key=lambda mark: mark.phase):
+        if groups and _alike(chart, groups[-1][0], mark.phase):
+            groups[-1][1].append(mark)
         else:
-            groups.append((phase, [contact]))
+            groups.append((mark.phase, [mark]))
     phases, added, ends = chart.phases(y), list[tuple[int, float, Switch]](), list[tuple[int, int, int]]()
-    for phase, contacts in groups:
+    for phase, together in groups:
         number, touched = int(np.searchsorted(phases, phase)), []
-        for contact in contacts:
-            law = _law(problem, contact)
+        for mark in together:
+            contact, law = mark.contact, _law(problem, mark.contact)
             if law == "stick":
-                k = _turn(chart, phases, contact, phase)
-                ends.append((len(added), len(added), 1))
-                added.append((k, float(phases[k]), Switch(contact, PINNED)))
+                new = _slip(known, chart, phases, mark)
+                ends.append((len(added), len(added) + len(new) - 1, 2 - len(new)))
+                added += new
             elif law == "impact" and not touches:
                 ends.append((len(added), len(added), 0))
                 added.append((number, phase, Switch(contact, int(chart.statuses[number][contact]))))
@@ -647,6 +759,25 @@ def _begun(
     chart, y, numbers = chart.edited(y, (), added)
     begun = [(numbers[first], numbers[last] + later) for first, last, later in ends]
     return chart, y, begins, [_Begun(p, k) if p == k else _lasting(problem, chart, p, k) for p, k in begun]
+
+
+def _slip(known: Any, chart: Signature, phases: Array, mark: Mark) -> list[tuple[int, float, Switch]]:
+    """Return what `Signature.edited` adds where a slider sticks or slides for no time; one switch where it turns."""
+    contact, phase, turns = mark
+    if turns:
+        k = _turn(chart, phases, contact, phase)
+        return [(k, float(phases[k]), Switch(contact, PINNED))]
+    for k, switch in enumerate(chart.switches):
+        if switch == (contact, PINNED) and _alike(chart, float(phases[k]), phase):
+            return [(k, float(phases[k]), Switch(contact, UP + DOWN - int(chart.statuses[k][contact])))]
+    number = int(np.searchsorted(phases, phase))
+    now = int(chart.statuses[number][contact])
+    there = PINNED
+    if now == PINNED:
+        problem, time = known.problem, phase / known.problem.loads.omega
+        state = known.path.state(number, time - float(known.path.times[number]))
+        there = UP if problem.course.reaction(chart.statuses[number], time, state, contact) > 0.0 else DOWN
+    return [(number, phase, Switch(contact, there)), (number, phase, Switch(contact, now))]
 
 
 def _lasting(problem: Any, chart: Signature, first: int, last: int) -> _Begun:
@@ -689,8 +820,8 @@ def _beyond(family: Family, chart: Signature, y: Array, begun: Sequence[_Begun],
         # Where forces are smooth, the parameter changes as squared lengths, or as those of sticks.
         inner: Point | None = None
         several = len(lasting) > 1 or lasting[0].last - lasting[0].first > len(lasting[0].ends)
-        sticks = any(one.ends[-1] > one.ends[0] + 1 for one in lasting)
-        for length in (_STUCK,) if sticks else sorted({_SEVERAL if several else BEYOND, *_LONGER}):
+        slow = any(one.ends[-1] > one.ends[0] + 1 or _slips(chart, one.first, one.last) for one in lasting)
+        for length in (_STUCK,) if slow else sorted({_SEVERAL if several else BEYOND, *_LONGER}):
             guess = y.copy()
             for first, last, ends in lasting:
                 guess[[n + k for k in ends]] = length
@@ -761,7 +892,8 @@ def what_contacts_do(point: Point) -> str:
             (kind == "jump" and count > _SEQUENCE, touches + ": where a force jumps they may become infinitely many"),
             (hits > _SEQUENCE, f"{hits} impacts on {{}}, which may become infinitely many"),
             (shortest < _NEARLY, touches),
-            (near < _CLOSE, f"{{}} within {max(near, 0.0):.2g} of the motion of the gap"),
+            (kind == "stick" and near < _CLOSE, "{} about to stop or to slide for a short time"),
+            (kind != "stick" and near < _CLOSE, f"{{}} within {max(near, 0.0):.2g} of the motion of the gap"),
         )):  # fmt: skip
             if holds:
                 found.setdefault((rank, told), []).append(repr(name))
@@ -818,20 +950,24 @@ def _turn(chart: Signature, phases: Array, contact: int, phase: float) -> int:
 def _away_along(family: Family, point: Point, marks: Sequence[Mark]) -> Array:
     """Return by how much an orbit moves away, along its branch, from those in which something begins at marks.
 
-    These are the rates of the distances from gaps, or of the margins of sliders.
+    These are the rates of the distances from gaps over their sizes, or of the margins of sliders.
     """
     chart = point.chart
 
     def away(problem: Any, evaluation: Any, y: Array) -> list[float]:
         phases, found = chart.phases(y), []
         z, _ = chart.modes_at(problem, evaluation, np.array([mark.phase for mark in marks]))
-        for k, (contact, phase) in enumerate(marks):
-            if _law(problem, contact) == "stick":
+        for k, mark in enumerate(marks):
+            contact, phase, turns = mark
+            if turns:
                 found.append(chart.margins(problem, evaluation)[_turn(chart, phases, contact, phase)])
+                continue
+            if _law(problem, contact) == "stick":
+                found.append(-_nearest(evaluation, mark).height)
                 continue
             above = float(problem.space.contacts[contact] @ z[:, k]) - float(problem.system.contacts.gap[contact])
             closed = chart.statuses[int(np.searchsorted(phases, phase))][contact] == CLOSED
-            found.append(above if closed else -above)
+            found.append((above if closed else -above) / float(point.evaluation.size_of(contact)))
         return found
 
     return _slope(family, point, away)
