@@ -696,3 +696,53 @@ def test_a_support_carries_what_a_slider_beside_it_takes(stiffness: float | None
     assert [note.startswith("sliders: the spring of Friction 'pad' begins relaxed") for note in notes] == (
         [] if stiffness is None else [True]
     )
+
+
+@pytest.mark.parametrize("start", [0.0, -0.05])
+@pytest.mark.parametrize("between", [False, True])
+def test_a_contact_that_presses_from_the_begin_moves_a_slider_as_a_spring_does(start: float, between: bool) -> None:
+    """It pushes with more than the slider holds; the same spring, not as a contact, with its force as a load."""
+
+    def run(pressing: bool) -> vf.Result:
+        mass, other = vf.Mass(4.863, stiffness=13.4, name="m"), vf.Mass(2.0, stiffness=3.0, name="o")
+        ends = (mass, other) if between else (mass,)
+        effects: list[Any] = [vf.Friction(mass, coefficient=0.5, static=0.8, normal=5.0, name="f")]
+        side: dict[str, Any] = {} if between else {"side": "below"}
+        if pressing:
+            effects.append(vf.Contact(*ends, gap=-0.2, stiffness=25.0, acts_on="penetration", name="stop", **side))
+        else:
+            push = -5.0 if between else 5.0
+            effects += [vf.Spring(*ends, stiffness=25.0), vf.PointLoad(mass, push)]
+            effects += [vf.PointLoad(other, -push)] if between else []
+        bodies = [mass, other] if between else [mass]
+        return vf.simulate(
+            vf.Scene(bodies, effects, initial={mass: (-start if between else start, 0.0)}), 0.3, method="event_driven"
+        )
+
+    mine, twin = run(True), run(False)
+    assert mine.contacts["stop"].force.min() > 0.0
+    np.testing.assert_allclose(mine.frictions["f"].force, twin.frictions["f"].force, atol=1e-12)
+    for body, same in zip(mine.scene.bodies, twin.scene.bodies, strict=True):
+        np.testing.assert_allclose(mine.displacement(body), twin.displacement(same), atol=1e-12)
+    assert np.ptp(mine.displacement(mine.scene.bodies[0])) > 1e-3
+
+
+@pytest.mark.parametrize("method", ["energy_conserving", "generalized_alpha", "central_difference"])
+def test_a_slider_behind_a_spring_beside_a_springpot_is_an_iwan_spring_of_one_element(method: str) -> None:
+    """The slider is declared before or after the springpot; both laws have histories."""
+
+    def run(effects: list[Any]) -> vf.Result:
+        mass = effects[0].a
+        return vf.simulate(
+            vf.Scene([mass], [*effects, vf.PointLoad(mass, vf.Sine(1.0, 2.0))]), 4.0, method=method, dt=2e-3
+        )
+
+    mass = vf.Mass(1.0, stiffness=1.0, name="m")
+    slider = vf.Friction(mass, coefficient=1.0, normal=0.1, stiffness=5.0, name="s")
+    iwan = vf.IwanSpring(mass, elongation=[0.02, 0.5], force=[0.1, 0.1 + 1e-13], name="i")
+    pot = vf.Springpot(mass, coefficient=0.5, order=0.5, name="p")
+    first, last, twin = run([slider, pot]), run([pot, slider]), run([iwan, pot])
+    for one in (first, last):
+        np.testing.assert_allclose(one.displacement(mass), twin.displacement(mass), atol=1e-11)
+        np.testing.assert_allclose(one.frictions["s"].force, twin.springs["i"].force, atol=1e-10)
+        np.testing.assert_allclose(one.springs["p"].force, twin.springs["p"].force, atol=1e-10)

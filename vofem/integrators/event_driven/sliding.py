@@ -80,7 +80,8 @@ class SlidingSolution(EventSolution):
         """Determine the statuses at the start: contacts by their gaps, sliders by their speeds or forces."""
         status = super().begin(start, displacement, velocity, fraction, t)
         status[self.contact_count :] = np.where(self.sliders.rigid, PINNED, CLOSED)
-        gaps = np.zeros(len(status))
+        gaps = self._gaps(status, displacement, None, None, t)
+        gaps[self.contact_count :] = 0.0
         status, _ = self.decide(t, status, displacement, velocity, gaps, {})
         self._initial = status
         return status

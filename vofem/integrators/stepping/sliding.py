@@ -77,7 +77,7 @@ class Held(NamedTuple):
 class Sliders:
     """The sliders of a run, and what was recorded of them.
 
-    `rows`: their places among the rows of all laws, which they end.
+    `rows`: their places among the rows of all laws.
     `rigid` has shape (k,).
     `hard` (shape (k,)): whether a slider is rigid, and its force jumps where sticking ends.
     `pressing` (shape (k,)): numbers of the contacts that press, -1 for none.
@@ -92,7 +92,8 @@ class Sliders:
         group = system.sliders
         assert group is not None
         self.laws, count = group.laws, len(group)
-        self.rows = slice(len(laws) - count, len(laws))
+        first = system.first_of(group)
+        self.rows = slice(first, first + count)
         self.matrix = rows[self.rows].toarray()
         self._sizes = np.abs(self.matrix)
         names = () if system.contacts is None else system.contacts.names
