@@ -201,14 +201,16 @@ def _ask_laws(place: int, p: Any, z: Any, question: float, part: float) -> float
             own = mean and whole[SPRUNG, j]
             slope = ask(laws, j, MEAN_TANGENT, u0, u1) if own else slope_over(laws, j, way, u0, u1, force)
         elif kind == HOLDS:
-            force, slope = w[FOUND, j] + y - w[TARGET, j], 1.0
+            force, slope = w[FOUND, j], 1.0
         elif kind == PUSHES:
             force = w[TARGET, j]
             if presses >= 0:
                 normal = _pressed(w, presses, weight)
                 share = force * weight if normal > 0.0 else 0.0
                 force *= normal
-        w[FORCES, j], w[SLOPE, j], w[SHARE, j], w[STEP, j] = force, slope, share, force - w[FOUND, j]
+        # A row that holds asks for a coordinate and not for a force.
+        off = y - w[TARGET, j] if kind == HOLDS else force - w[FOUND, j]
+        w[FORCES, j], w[SLOPE, j], w[SHARE, j], w[STEP, j] = force, slope, share, off
         answer += abs(force)
     return answer
 
@@ -263,6 +265,8 @@ def _react(place: int, p: Any, z: Any, question: float, unused: float) -> float:
             change = w[FORCES, j] - w[FOUND, j]
             # In a law much stiffer than the structure, the rounding of u may be the largest error of its force.
             noise = 4.0 * _EPS * (abs(w[FORCES, j]) + abs(w[FOUND, j]) + w[SLOPE, j] * w[SIZE, j])
+            if whole[KIND, j] == HOLDS:
+                change, noise = w[Y, j] - w[TARGET, j], 4.0 * _EPS * (w[SIZE, j] + abs(w[TARGET, j]))
             still = still and abs(w[MOVE, j]) <= 4.0 * _EPS * w[SIZE, j]
             rounded = rounded and abs(change) <= noise
             if whole[KIND, j] == ACTS and not whole[SPRUNG, j]:
@@ -315,8 +319,9 @@ def _slide(place: int, p: Any, z: Any, question: float, unused: float) -> float:
             if whole[PRESSING, j] >= 0:
                 limit *= _pressed(w, whole[PRESSING, j], numbers[PART])
             if whole[KIND, j] == HOLDS:
-                # A force whose loss would move nothing is rounding.
-                moves = reach[j, j] * abs(force) > 64.0 * _EPS * (abs(w[U0, j]) + abs(w[BASE, j]))
+                # A force whose loss would move nothing is rounding, which decides where nothing else holds.
+                noise = (8.0 if limit > 0.0 else 64.0) * _EPS * (abs(w[U0, j]) + abs(w[BASE, j]))
+                moves = reach[j, j] * abs(force) > noise
                 if moves and abs(force) - limit > 1e-12 * abs(force):
                     whole[KIND, j], whole[STATUS, j], changed = PUSHES, 1 if force > 0.0 else -1, 1
                     w[REACHED, j], w[TARGET, j] = abs(force), whole[STATUS, j] * w[PUSH, j]
