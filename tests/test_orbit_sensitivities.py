@@ -100,6 +100,30 @@ def test_special_points_move_as_in_the_exact_propagation(
         assert np.array_equal(along.value, d.value)
 
 
+def test_a_grazing_at_which_a_closed_contact_nearly_opens_moves_with_the_loads_and_the_stop() -> None:
+    """The gap of the grazing is in proportion to both loads together; by the stiffness a difference of two branches."""
+
+    def build(gap: float, stiffness: float = 8.0) -> vf.Scene:
+        a = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="a")
+        b = vf.Mass(1.2, stiffness=0.8, damping=0.07, name="b")
+        stop = vf.Contact(a, gap=gap, stiffness=stiffness, damping=0.2, side="above", acts_on="penetration",
+                          name="stop")  # fmt: skip
+        loads = [vf.PointLoad(a, vf.Sine(1.0, 0.9), name="p"), vf.PointLoad(a, vf.Sine(0.3, 2.7), name="q")]
+        return vf.Scene([a, b], [vf.Spring(a, b, stiffness=1.0), stop, *loads])
+
+    def grazing(stiffness: float) -> vf.SpecialPoint:
+        branch = vf.continuation(lambda gap: build(gap, stiffness), -0.3, -0.37)
+        (found,) = (mark for mark in branch.special if mark.kind == "grazing")
+        return found
+
+    mark = grazing(8.0)
+    names = [Parameter("p", "f.amplitude"), Parameter("q", "f.amplitude"), Parameter("stop", "stiffness")]
+    by_loads = sensitivities(mark, names, along=Parameter("stop", "gap")).value
+    assert by_loads[0] + 0.3 * by_loads[1] == pytest.approx(mark.value, rel=1e-9)
+    slope = (grazing(8.01).value - grazing(7.99).value) / 0.02
+    assert by_loads[2] == pytest.approx(slope, rel=1e-5)
+
+
 def test_a_beam_with_modal_damping_has_the_multipliers_of_differences() -> None:
     def scene(stiffness: float, rho: float, gap: float) -> vf.Scene:
         beam = vf.Beam(1.0, EI=10.0, rhoA=rho, elements=2, supports={"left": "clamped"}, name="beam")

@@ -268,8 +268,11 @@ class OrbitSensitivities(MotionSensitivities):
         u, _, _ = np.linalg.svd(self.monodromy - np.eye(self.monodromy.shape[0]))
         return u[:, -1], self._by_parameters
 
-    def nearest_top(self, contact: str) -> Array:
-        """Return the derivatives of that local maximum of a gap function that is nearest to zero, shape (p,)."""
+    def nearest_extreme(self, contact: str) -> Array:
+        """Return the derivatives of that local extreme of a gap function that is nearest to zero, shape (p,).
+
+        A contact that is closed is grazed at a minimum.
+        """
         result, laws = self.orbit.result, self._modal.laws
         assert laws is not None
         j = laws.names.index(contact)
@@ -284,8 +287,8 @@ class OrbitSensitivities(MotionSensitivities):
         times = np.unique(np.concatenate([result.times, result.solution.events.time]))
         _, v, _ = self._forward.motion(times)
         rates = row @ v
-        tops = np.flatnonzero((rates[:-1] > 0.0) & (rates[1:] <= 0.0))
-        found = [_root(rate, float(times[k]), float(times[k + 1])) for k in tops]
+        turns = np.flatnonzero((rates[:-1] != 0.0) & (rates[:-1] * rates[1:] <= 0.0))
+        found = [_root(rate, float(times[k]), float(times[k + 1])) for k in turns]
         t = min(found, key=lambda s: abs(gap(s)))
         state = np.concatenate([row, np.zeros_like(row)])[None]
         moved = self._total(self._forward.sample(state, np.array([t]))[0])[0]
@@ -326,7 +329,7 @@ class SpecialSensitivities(OfParameters):
             )
             slopes = (known[which].conjugate() * orbit.multipliers[which]).real
         elif special.kind == "grazing":
-            slopes = orbit.nearest_top(special.contact)
+            slopes = orbit.nearest_extreme(special.contact)
         else:
             raise ArgumentError(
                 f"sensitivities: a {special.kind} does not persist when a parameter changes, so it has no derivative"

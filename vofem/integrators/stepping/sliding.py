@@ -247,7 +247,7 @@ class Sliders:
         jump = self.rigid & (path.status[row] == 0) & np.any(status != 0, axis=0)
         excess = np.where(jump, bound * (1.0 - self.limit / self.static), excess)
         moved = excess.clip(0.0) * self._weights * h**2
-        # In very short steps a force is taken for rounding, see `_slide`. In somewhat longer ones the slider breaks away.
+        # In very short steps a force is taken for rounding, see `_slide`. In longer ones the slider breaks away.
         rounding = 256.0 * _EPS * np.max(np.abs(path.chunk.u[row : row + 3, self.rows]), axis=0)
         return float(np.max(moved[moved > rounding], initial=0.0))
 

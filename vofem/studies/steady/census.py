@@ -112,7 +112,9 @@ def real_at(at: float) -> Test:
 
     def test(point: Point) -> float:
         values = multipliers(point)
-        factors = (1.0 - at * values) / np.hypot(1.0, np.abs(values))
+        # Beside grazings they may be infinite, and the test is not decided.
+        with np.errstate(invalid="ignore"):
+            factors = (1.0 - at * values) / np.hypot(1.0, np.abs(values))
         return float(np.prod(factors).real)
 
     return test
@@ -158,8 +160,9 @@ def pairs_at_one(reference: Point) -> Test:
 
     def size(point: Point) -> tuple[float, float]:
         values = multipliers(point)
-        products = np.multiply.outer(values, values)[np.triu_indices(values.size, 1)]
-        factors = (1.0 - products) / np.hypot(1.0, np.abs(products))
+        with np.errstate(invalid="ignore"):
+            products = np.multiply.outer(values, values)[np.triu_indices(values.size, 1)]
+            factors = (1.0 - products) / np.hypot(1.0, np.abs(products))
         away = np.abs(factors)
         if not np.min(away, initial=1.0) > _RECIPROCAL:
             return np.nan, 0.0
