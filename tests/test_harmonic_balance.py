@@ -524,3 +524,27 @@ def test_an_orbit_alone_is_not_saved_as_a_run(tmp_path):
     run = vf.simulate(scene, orbit.period, initial=orbit)
     run.save(tmp_path / "run.vtkhdf")
     assert vf.load(tmp_path / "run.vtkhdf").displacement(mass)[-1] == pytest.approx(run.displacement(mass)[0], abs=1e-3)
+
+
+def test_a_spring_with_a_law_in_python_has_the_same_branch_in_all_units_of_length() -> None:
+    """Folds and multipliers of Duffing's oscillator in metres and in micrometres that are given in metres."""
+
+    def branch(length: float) -> vf.Branch:
+        mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="a")
+        law = {
+            "potential": vf.Polynomial((0, 0, 0, 0, 0.25 / length**2)),
+            "force": vf.Polynomial((0, 0, 0, length**-2)),
+        }
+        spring = vf.NonlinearSpring(mass, name="n", **law)
+        return vf.continuation(
+            lambda omega: vf.Scene([mass], [spring, vf.PointLoad(mass, vf.Sine(0.3 * length, omega))]),
+            0.8, 2.2, method="harmonic_balance", harmonics=9,
+        )  # fmt: skip
+
+    metres, micrometres = branch(1.0), branch(1e-6)
+    assert [mark.kind for mark in micrometres.special] == ["fold", "fold"]
+    for mine, known in zip(micrometres.special, metres.special, strict=True):
+        assert mine.value == pytest.approx(known.value, rel=1e-7)
+    for mine, known in zip(micrometres.at(1.6), metres.at(1.6), strict=True):
+        np.testing.assert_allclose(mine.multipliers, known.multipliers, rtol=1e-6)
+        assert mine.stability == known.stability

@@ -20,6 +20,10 @@ _GAUSS = np.sqrt(0.6)
 #: Length of a path divided by the coordinate, above which the difference of potentials is accurate enough for the work.
 _LONG = 1e-3
 
+#: Width of a difference of forces over the coordinate, least and largest one in m, and differences over forces that are
+#: lost in rounding.
+_WIDTH, _LEAST, _MOST, _LOST = 1e-5, 1e-18, 1e-6, 1e-6
+
 
 @dataclass(frozen=True)
 class Smooth:
@@ -28,7 +32,6 @@ class Smooth:
     #: `potential`, `force`: V in J and R in N of the coordinate u in m.
     potential: Callable[[float], float]
     force: Callable[[float], float]
-    slope: Callable[[float], float] | None = None  #: dR/du in N/m; a difference of forces where it is not given.
 
     def reaction(self, u: float) -> float:
         """Return R(u) in N."""
@@ -39,11 +42,17 @@ class Smooth:
         return _finite(self.potential, u)
 
     def tangent(self, u: float) -> float:
-        """Return dR/du in N/m."""
-        if self.slope is not None:
-            return _finite(self.slope, u)
-        width = 1e-6 * max(1.0, abs(u))
-        return (self.reaction(u + width) - self.reaction(u - width)) / (2.0 * width)
+        """Return dR/du in N/m, by a difference whose width follows from u, so that no unit of length is preferred.
+
+        Where the difference is lost in the forces, as near u = 0 in a law with an offset, the width grows.
+        """
+        width = max(_WIDTH * abs(u), _LEAST)
+        while True:
+            above, below = self.reaction(u + width), self.reaction(u - width)
+            size = abs(above) + abs(below)
+            if width >= _MOST or size == 0.0 or abs(above - below) > _LOST * size:
+                return (above - below) / (2.0 * width)
+            width *= 10.0
 
     def mean(self, u0: float, u1: float) -> float:
         """Return the mean force over a path: from the potential over long paths, by quadrature over short ones."""
