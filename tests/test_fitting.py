@@ -257,6 +257,16 @@ def test_sines_within_sums_and_multiples_have_the_measured_frequency(function) -
     assert np.max(np.abs(vf.fit(scene, vf.Parameter("load", "f.omega"), data).residuals)) < 1e-6
 
 
+def test_parameters_given_twice_and_data_at_the_start_alone_are_refused() -> None:
+    start = driven(1.0, 8.0)
+    body = start.bodies[0]
+    data = vf.Measured(body, np.linspace(0.0, 1.0, 11), np.zeros(11), 0.1)
+    with pytest.raises(vf.ArgumentError, match=r"holds stop\.gap more than once"):
+        vf.fit(start, [vf.Parameter("stop", "gap"), vf.Parameter(start.effects[0], "gap")], data)
+    with pytest.raises(vf.ArgumentError, match="all data lie at t = 0"):
+        vf.fit(start, vf.Parameter("stop", "gap"), vf.Measured(body, np.zeros(1), np.zeros(1), 0.1))
+
+
 def test_data_that_are_numbers_are_refused_in_a_short_message() -> None:
     start = driven(1.0, 8.0)
     with pytest.raises(vf.ArgumentError, match=r"fit: data is an array of 500, expected what vofem\.Measured returns"):

@@ -344,6 +344,18 @@ def _covariance(solved: _Solved, p: int, known: bool) -> tuple[Array, list[int]]
 
 
 @one_thread
+def _check_once(parameters: Sequence[Parameter], scene: Scene) -> None:
+    """Raise where two parameters are one number."""
+    seen = set[tuple[int, str, int | None]]()
+    for one in parameters:
+        places = {(id(thing), one.field, k) for thing in one.found(scene) for k in one.elements or (None,)}
+        if places & seen:
+            raise ArgumentError(
+                f"fit: parameters holds {one.name} more than once, so that no data tell the two apart; give it once"
+            )
+        seen |= places
+
+
 def fit(
     scene: Scene,
     parameters: Sequence[Parameter] | Parameter,
@@ -392,12 +404,15 @@ def fit(
     """
     as_scene("fit", scene)
     chosen = parameters_of("fit", parameters, scene)
+    _check_once(chosen, scene)
     measured = tuple(listed(data))
     if not measured or not all(isinstance(one, Data) for one in measured):
         shown = repr(data) if len(measured) == 1 else found(list(measured))
         raise wrong("fit: data", shown, "what vofem.Measured returns, or several of these")
     starts = whole("fit: starts", starts)
     problem = _Problem(scene, chosen, measured)
+    if problem.end == 0.0 and any(one.times is not None for one in measured):
+        raise ArgumentError("fit: all data lie at t = 0, where a run only begins; give data at later times")
     windows = _windows(horizon, problem.end)
     if not problem.weights(windows[-1]).size:
         raise ArgumentError(f"fit: horizon is {horizon!r} s, before the first of the data; give a later one")
