@@ -372,3 +372,17 @@ def test_supports_carry_what_travels_beside_them():
     spring = vf.Spring(beam.along(vf.Path(1.0)), stiffness=1e3)
     held = vf.simulate(vf.Scene([beam], [spring]), 1.5, times=[0.5, 1.4], method="energy_conserving", dt=1e-2)
     np.testing.assert_array_equal(np.isnan(held.reaction(beam, "left").force), [True, False])
+
+
+@pytest.mark.parametrize("speed", [100.0, 300.0, 1000.0])
+def test_a_force_that_crosses_a_beam_in_much_less_than_its_period_does_the_work_that_the_beam_takes(
+    speed: float,
+) -> None:
+    """Without dampers the work is the energy of the beam; closed forms of it would be lost in rounding."""
+    beam = vf.Beam(1.0, EI=1.0, rhoA=1.0, elements=10, supports={"left": "pinned", "right": "pinned"}, name="beam")
+    force = vf.PointLoad(beam.along(vf.Path(speed)), -1.0)
+    energy = vf.simulate(vf.Scene([beam], [force]), 1.0, method="event_driven").energy
+    assert energy.balance_error < 1e-5
+    assert energy.work[-1] == pytest.approx(energy.kinetic[-1] + energy.strain[-1], rel=1e-5)
+    # An impulse of all modes in the limit of infinite speed.
+    assert energy.work[-1] == pytest.approx(0.5 / speed**2, rel=0.05)

@@ -42,6 +42,9 @@ _TOGETHER = 4096
 #: Multiple of a block's energy above which its computed loss is rounding of a very small decay rate.
 _MORE = 4.0
 
+#: Duration of a segment in which loads travel, times the lowest angular frequency, below which it has no forms.
+_SHORT = 0.3
+
 _EPS = float(np.finfo(float).eps)
 
 #: A determinant, 1/s^4, below which its inverse overflows.
@@ -53,7 +56,6 @@ _RAMP_SERIES = np.array([1.0 / (math.factorial(k) * (k + 2)) for k in range(16)]
 #: Rules of Gauss for panels, and length of a panel, over the shortest time scale, up to which the first one is exact to
 #: rounding.
 _FEW_NODES, _NODES = np.polynomial.legendre.leggauss(4), np.polynomial.legendre.leggauss(12)
-_SHORT = 0.1
 
 
 class _Form(NamedTuple):
@@ -245,13 +247,15 @@ def work_and_dissipation(
         places = order[mine]
         used, own = np.unique(of[places], return_inverse=True)
         starts = begins(regime, used)
-        if regime.blocks.group is None:
+        alone = np.full(used.size, regime.blocks.group is not None) | _steep(regime, record.durations[used])
+        formed = ~alone[own]
+        if formed.any():
             if "forms" not in regime.kept:
                 regime.kept["forms"] = StatusForms(regime)
-            found[:, places] = regime.kept["forms"].taken(starts, own, tau[places])
-            continue
+            found[:, places[formed]] = regime.kept["forms"].taken(starts, own[formed], tau[places[formed]])
         for s, run in _runs(own):
-            found[:, places[run]] = _on_panels(regime, starts[s], tau[places[run]])
+            if alone[s]:
+                found[:, places[run]] = _on_panels(regime, starts[s], tau[places[run]])
     whole = found[:, times.size :].copy()
     if pinning is not None:
         whole[1, :-1] += pinning[1:count]
@@ -260,6 +264,16 @@ def work_and_dissipation(
         begun[1] += pinning[0]
     work, dissipated = found[:, : times.size] + begun[:, segments]
     return work, dissipated
+
+
+def _steep(regime: Regime, durations: Array) -> NDArray[np.bool_]:
+    """Return whether loads pass segments that are short beside all periods, as those do that travel fast, shape (k,).
+
+    Forms would be small differences of large terms there.
+    """
+    p = regime.spectrum.p
+    slowest = float(np.sqrt(p.min(initial=np.inf, where=p > 0.0)))
+    return np.any(regime.kind.bend >= 0) & (slowest * durations < _SHORT)
 
 
 def _on_panels(regime: Regime, begin: Array, tau: Array) -> Array:
