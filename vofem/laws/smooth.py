@@ -32,6 +32,7 @@ class Smooth:
     #: `potential`, `force`: V in J and R in N of the coordinate u in m.
     potential: Callable[[float], float]
     force: Callable[[float], float]
+    slope: Callable[[float], float] | None = None  #: dR/du in N/m; a difference of forces where it is not given.
 
     def reaction(self, u: float) -> float:
         """Return R(u) in N."""
@@ -42,10 +43,13 @@ class Smooth:
         return _finite(self.potential, u)
 
     def tangent(self, u: float) -> float:
-        """Return dR/du in N/m, by a difference whose width follows from u, so that no unit of length is preferred.
+        """Return dR/du in N/m.
 
-        Where the difference is lost in the forces, as near u = 0 in a law with an offset, the width grows.
+        The width of a difference follows from u, so that no unit of length is preferred. Where the difference is lost
+        in the forces, as near u = 0 in a law with an offset, the width grows.
         """
+        if self.slope is not None:
+            return _finite(self.slope, u)
         width = max(_WIDTH * abs(u), _LEAST)
         while True:
             above, below = self.reaction(u + width), self.reaction(u - width)

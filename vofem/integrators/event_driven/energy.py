@@ -272,8 +272,9 @@ def _steep(regime: Regime, durations: Array) -> NDArray[np.bool_]:
     Forms would be small differences of large terms there.
     """
     p = regime.spectrum.p
-    slowest = float(np.sqrt(p.min(initial=np.inf, where=p > 0.0)))
-    return np.any(regime.kind.bend >= 0) & (slowest * durations < _SHORT)
+    if not (np.any(regime.kind.bend >= 0) and np.any(p > 0.0)):
+        return np.zeros(durations.size, dtype=bool)
+    return np.asarray(np.sqrt(p[p > 0.0].min()) * durations < _SHORT)
 
 
 def _on_panels(regime: Regime, begin: Array, tau: Array) -> Array:
