@@ -343,7 +343,6 @@ def _covariance(solved: _Solved, p: int, known: bool) -> tuple[Array, list[int]]
     return covariance, sorted(k for k in poor if k < p)
 
 
-@one_thread
 def _check_once(parameters: Sequence[Parameter], scene: Scene) -> None:
     """Raise where two parameters are one number."""
     seen = set[tuple[int, str, int | None]]()
@@ -356,6 +355,7 @@ def _check_once(parameters: Sequence[Parameter], scene: Scene) -> None:
         seen |= places
 
 
+@one_thread
 def fit(
     scene: Scene,
     parameters: Sequence[Parameter] | Parameter,

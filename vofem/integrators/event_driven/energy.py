@@ -43,7 +43,7 @@ _TOGETHER = 4096
 _MORE = 4.0
 
 #: Duration of a segment in which loads travel, times the lowest angular frequency, below which it has no forms.
-_SHORT = 0.3
+_PASSING = 0.3
 
 _EPS = float(np.finfo(float).eps)
 
@@ -56,6 +56,7 @@ _RAMP_SERIES = np.array([1.0 / (math.factorial(k) * (k + 2)) for k in range(16)]
 #: Rules of Gauss for panels, and length of a panel, over the shortest time scale, up to which the first one is exact to
 #: rounding.
 _FEW_NODES, _NODES = np.polynomial.legendre.leggauss(4), np.polynomial.legendre.leggauss(12)
+_SHORT = 0.1
 
 
 class _Form(NamedTuple):
@@ -274,7 +275,7 @@ def _steep(regime: Regime, durations: Array) -> NDArray[np.bool_]:
     p = regime.spectrum.p
     if not (np.any(regime.kind.bend >= 0) and np.any(p > 0.0)):
         return np.zeros(durations.size, dtype=bool)
-    return np.asarray(np.sqrt(p[p > 0.0].min()) * durations < _SHORT)
+    return np.asarray(np.sqrt(p[p > 0.0].min()) * durations < _PASSING)
 
 
 def _on_panels(regime: Regime, begin: Array, tau: Array) -> Array:
