@@ -53,8 +53,9 @@ class Smooth:
         width = max(_WIDTH * abs(u), _LEAST)
         while True:
             above, below = self.reaction(u + width), self.reaction(u - width)
-            size = abs(above) + abs(below)
-            if width >= _MOST or size == 0.0 or abs(above - below) > _LOST * size:
+            # Forces that are not numbers are not lost in rounding: a law that has failed ends the search.
+            lost = 0.0 < abs(above) + abs(below) and abs(above - below) <= _LOST * (abs(above) + abs(below))
+            if width >= _MOST or not lost:
                 return (above - below) / (2.0 * width)
             width *= 10.0
 

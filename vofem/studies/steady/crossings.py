@@ -486,6 +486,8 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
                 a, b, c = (share, value), a, b
                 if beside and moved <= close:
                     break
+                # What seemed to be the root only touched zero: the search goes on in what is left.
+                beside, aside = False, _OTHER / step.length
             # Near a root values fall, and where they no longer do they are rounding.
             small = width <= _NARROWED and moved <= _MOVED and abs(value) >= abs(before[1])
             settled = value == 0.0 or (abs(value) <= _FARTHER * abs(before[1]) if beside else small)
