@@ -41,7 +41,7 @@ types: setup
 
 # Whole modules go to the workers, in the order of tests/conftest.py. Each worker has a core and needs no more threads.
 unit: setup
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder --max-worker-restart=0
 
 # Compiled code with the oldest numba that pyproject.toml allows, beside the other packages of the lock.
 oldest: setup
