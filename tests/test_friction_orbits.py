@@ -203,19 +203,72 @@ def test_a_slider_stops_where_it_lets_its_mass_graze_a_contact(
     assert (slider.breaks.size > 0) == (name == "load")
 
 
-def test_no_special_points_are_listed_where_a_slider_sticks_all_along() -> None:
-    """A multiplier is 1 there since the slider may rest in many places; folds and branch points would be rounding."""
-    masses = vf.Mass(1.0, stiffness=1.0, damping=0.02, name="a"), vf.Mass(0.7, stiffness=0.6, damping=0.02, name="b")
-    effects = [
-        vf.Spring(*masses, stiffness=0.5),
-        vf.Friction(masses[0], coefficient=0.08, normal=1.0, name="fa"),
-        vf.Friction(masses[1], coefficient=0.05, normal=1.0, name="fb"),
-    ]
-    branch = vf.continuation(
-        lambda omega: vf.Scene([*masses], [*effects, vf.PointLoad(masses[0], vf.Sine(0.3, omega))]), 2.5, 2.4
-    )
-    assert not branch.special
-    assert branch.notes[0].startswith("'fb' sticks all along and may rest in many places")
+def joined(omega: float, limit: float, pull: float = 0.0) -> vf.Scene:
+    """Return two masses, of which one lies on a rough floor while the other one is shaken and pulled."""
+    a, b = vf.Mass(1.0, stiffness=1.5, damping=0.04, name="a"), vf.Mass(0.7, damping=0.05, name="b")
+    effects = [vf.Spring(a, b, stiffness=1.2), vf.Friction(a, coefficient=1.0, normal=limit, name="floor")]
+    return vf.Scene([a, b], [*effects, vf.PointLoad(b, vf.Sine(0.4, omega)), vf.PointLoad(b, pull)])
+
+
+def test_a_branch_goes_from_sticking_all_along_to_sliding_and_back() -> None:
+    """With a at rest, b is an oscillator of closed form; a slides where the spring's force exceeds the limit."""
+    limit, ends = 0.8, (0.8, 2.0)
+    there, back = (vf.continuation(lambda omega: joined(omega, limit), *way) for way in (ends, ends[::-1]))
+    assert (there.values[-1], back.values[-1]) == ends[::-1]
+    values = [[mark.value for mark in branch.special] for branch in (there, back)]
+    np.testing.assert_allclose(values[0], values[1][::-1], rtol=1e-11)
+    assert {mark.kind for mark in there.special} == {"sticking"}
+    # |1.2 * 0.4 / (1.2 - 0.7 w^2 + 0.05 i w)| is the limit.
+    roots = np.roots([0.49, 0.0, 0.05**2 - 2.0 * 1.2 * 0.7, 0.0, 1.2**2 - (1.2 * 0.4 / limit) ** 2])
+    slides = np.sort(roots[roots.real > 0.0].real)
+    # It slides to and fro, from two points of the orbit on.
+    np.testing.assert_allclose(values[0][:2], slides[0], rtol=1e-11)
+    np.testing.assert_allclose(values[0][-2:], slides[1], rtol=1e-11)
+    inside = [orbit.result.frictions["floor"].dissipated[-1] > 0.0 for orbit in (there.at(0.9)[0], there.at(1.3)[0])]
+    assert inside == [False, True]
+    assert there.at(0.9)[0].stable
+
+
+def test_a_slider_that_sticks_all_along_rests_where_its_forces_are_alike() -> None:
+    """It could rest in other places too. A constant pull shifts the middle; multipliers are those about the place."""
+    pull = 0.3
+    orbit = vf.periodic(joined(0.8, 0.9, pull))
+    rest = np.linalg.solve([[2.7, -1.2], [-1.2, 1.2]], [0.0, pull])
+    a, b = orbit.scene.bodies
+    np.testing.assert_allclose(orbit.result.displacement(a), rest[0], rtol=1e-11)
+    assert orbit.result.displacement(b).mean() == pytest.approx(rest[1], rel=1e-2)
+    force = orbit.result.frictions["floor"].force
+    assert force.max() == pytest.approx(-force.min(), rel=1e-4)
+    period = 2.0 * np.pi / 0.8
+    decay, ring = 0.5 * 0.05 / 0.7, np.sqrt(1.2 / 0.7 - (0.5 * 0.05 / 0.7) ** 2)
+    np.testing.assert_allclose(np.sort(np.abs(orbit.multipliers))[2:], np.exp(-decay * period), rtol=1e-10)
+    largest = orbit.multipliers[np.argmax(np.abs(orbit.multipliers))]
+    assert largest.real == pytest.approx(np.exp(-decay * period) * np.cos(ring * period), rel=1e-9)
+
+
+def test_a_slider_that_no_spring_pulls_back_keeps_the_place_of_the_guess() -> None:
+    mass = vf.Mass(1.0, name="mass")
+    floor = vf.Friction(mass, coefficient=0.5, normal=1.0, name="floor")
+    scene = vf.Scene([mass], [floor, vf.PointLoad(mass, vf.Sine(0.3, 1.0))], {mass: (0.2, 0.0)})
+    orbit = vf.periodic(scene, guess=vf.simulate(scene, 2.0 * np.pi))
+    np.testing.assert_allclose(orbit.result.displacement(mass), 0.2, rtol=1e-12)
+
+
+def test_a_beam_with_a_friction_damper_is_followed_through_all_its_states() -> None:
+    """The tip sticks, slides and sticks again; both directions list the same points."""
+    beam = vf.Beam(1.0, EI=1.0, rhoA=1.0, elements=1, supports={"left": "clamped"}, name="beam")
+    effects = [vf.Friction(beam.at(1.0), coefficient=1.0, normal=2.0, name="damper"), vf.ModalDamping(0.02)]
+
+    def build(omega: float) -> vf.Scene:
+        return vf.Scene([beam], [*effects, vf.PointLoad(beam.at(0.5), vf.Sine(2.0, omega))])
+
+    there, back = (vf.continuation(build, *way) for way in ((12.0, 28.0), (28.0, 12.0)))
+    assert (there.values[-1], back.values[-1]) == (28.0, 12.0)
+    values = [[mark.value for mark in branch.special] for branch in (there, back)]
+    np.testing.assert_allclose(values[0], values[1][::-1], rtol=1e-10)
+    assert len(values[0]) == 4
+    inside = [orbit for value in (13.0, 20.0, 27.0) for orbit in there.at(value)]
+    assert [orbit.result.frictions["damper"].dissipated[-1] > 0.0 for orbit in inside] == [False, True, False]
 
 
 def test_what_orbits_cannot_have_is_refused_by_name() -> None:

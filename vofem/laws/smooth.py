@@ -54,7 +54,7 @@ class Smooth:
         while True:
             above, below = self.reaction(u + width), self.reaction(u - width)
             # Forces that are not numbers are not lost in rounding: a law that has failed ends the search.
-            lost = 0.0 < abs(above) + abs(below) and abs(above - below) <= _LOST * (abs(above) + abs(below))
+            lost = abs(above) + abs(below) > 0.0 and abs(above - below) <= _LOST * (abs(above) + abs(below))
             if width >= _MOST or not lost:
                 return (above - below) / (2.0 * width)
             width *= 10.0

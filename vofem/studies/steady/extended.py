@@ -240,12 +240,18 @@ class Extended:
         """
         return bool(getattr(self.inner, "switches", ())) and self.kind != "branch_point" and self.inner.smooth(problem)
 
+    def _tested_matrix(self, now: Any) -> Array:
+        """Return the Jacobian matrix of which multipliers are told; sliders that stick all along keep their places."""
+        held = self.kind in ("period_doubling", "neimark_sacker") and hasattr(now, "held")
+        return np.asarray(now.held if held else now.jacobian)
+
     def _matrix(self, problem: Any, now: Any, angle: float, by_value: Array) -> NDArray[Any]:
         """Return the matrix that is singular at special orbits."""
         n = problem.size
         if self.kind == "branch_point":
             return np.concatenate([now.jacobian, by_value[:, None]], axis=1)
-        matrix = now.jacobian[:n, :n] if self._reduced(problem) else now.jacobian
+        matrix = self._tested_matrix(now)
+        matrix = matrix[:n, :n] if self._reduced(problem) else matrix
         multiplier = {"period_doubling": -1.0, "neimark_sacker": np.exp(1j * angle)}.get(self.kind, 1.0)
         if multiplier == 1.0:
             return np.asarray(matrix)
@@ -311,7 +317,7 @@ class Extended:
         moved = inner.copy()
         moved[: min(away.size, m)] += away[:m]
         if self.kind != "branch_point":
-            return np.asarray(self.inner.evaluate(problem, moved).jacobian)
+            return np.asarray(self._tested_matrix(self.inner.evaluate(problem, moved)))
         step = _ALONG * self.size
         at = float(away[m])
         ends = [self._at(problem, moved, at + sign * step, derivative=False).residual for sign in (1.0, -1.0)]

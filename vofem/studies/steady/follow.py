@@ -116,12 +116,7 @@ class Follower:
         """Return the special points of a step except grazings; `earlier` is the step before it in the same touches."""
         if self._leaving_another:
             return []
-        stuck = step.first.chart.stuck(step.first.problem) if step.first.chart.segmented else ""
-        if not stuck:
-            return crossings(self.family, step, earlier, self.notes)
-        told = f"{stuck!r} sticks all along and may rest in many places, so that no special points are searched"
-        self.notes += [told] if told not in self.notes else []
-        return []
+        return crossings(self.family, step, earlier, self.notes)
 
     def begin(self, unknowns: Array, value: float) -> Point:
         """Return the first point, heading for the far end of the interval."""

@@ -32,24 +32,27 @@ from vofem.arrays import Array, Complex
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.along import Path
 from vofem.integrators.event_driven.flow import Flow
-from vofem.integrators.event_driven.regime import Integers
-from vofem.laws.friction import UP
+from vofem.integrators.event_driven.regime import Integers, flat
+from vofem.laws.friction import DOWN, UP
 from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.newton import direction
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
 from vofem.studies.steady.shooting import CLOSES, Shooting, relative, share
 from vofem.system import CLOSED, PINNED
 
-#: Steps of an orbit from which its range is refined, steps among which extremes of gap functions are searched, and the
-#: least numbers of both in a segment. A stiff contact rebounds quickly.
-_RANGE, _SEARCHED, _LEAST_RANGE, _LEAST = 600, 20000, 16, 128
+#: Steps of an orbit from which its range is refined, and among which extremes of gap functions are searched, and those
+#: of forces of sliders; and the least numbers in a segment. A stiff contact rebounds quickly.
+_RANGE, _SEARCHED, _PULLS, _LEAST_RANGE, _LEAST = 600, 20000, 2000, 16, 128
 
 #: Steps in the search for an extreme in its bracket, and the last of them as a share of the bracket. What is left of it
 #: changes the extreme by the square.
 _CUTS, _FINE = 60, 1e-9
 
 #: Parts of the bracket of a slider's extreme, and how often one is searched anew.
-_ZOOM, _ZOOMS = 16, 9
+_ZOOM, _ZOOMS = 16, 5
+
+#: Stiffness against sliders that stick, as a share of the largest one, that is rounding.
+_FREE = 1e-10
 
 #: Height of an extreme, over the size of the motion, below which it is not computed exactly.
 _LOW = -0.05
@@ -60,6 +63,9 @@ _AT_GAP, _DOUBT = -1e-6, 0.2
 
 #: The anchor is moved if a switch comes nearer to it than this share of the longest segment.
 _NEAR_ANCHOR = 0.15
+
+#: Share of a segment in which something rests by which another one is longer, and has the anchor.
+_AT_REST = 0.1
 
 #: Height of an extreme on the wrong side, over the size of the motion, that is rounding.
 ROUNDING = 1e-13
@@ -115,6 +121,16 @@ class Stop(NamedTuple):
     first: int
     last: int
     held: list[int]
+
+
+class Places(NamedTuple):
+    """The k sliders that stick all along, and where they rest."""
+
+    sliders: list[int]
+    rows: Array  #: Their places by modal states, shape (k, 2n).
+    moves: Array  #: Modal states by places, shape (2n, k).
+    back: Array  #: Places by the forces that they cause at rest, shape (k, k).
+    stays: Array  #: Changes of places that cause no forces, shape (k, k).
 
 
 class States(NamedTuple):
@@ -195,59 +211,71 @@ class SignatureEvaluation:
         """
         if self.problem.system.contacts is None:
             return []
-        free = (np.array(self.chart.statuses) < PINNED).any(axis=1)
-        segments = np.flatnonzero(free & (self.path.durations > 0.0))
-        rows = self.problem.space.contacts
-        of, tau, u, rates = self.path.sampled(rows, segments, self._steps(segments, _SEARCHED, _LEAST))
+        of, tau, u, rates = self._samples
+        rates = rates.copy()
         # What a slider holds turns where it does, so that rounding has no say.
         for stop in self.chart.stops(self.problem):
             begun = int(np.searchsorted(of, stop.first, side="right"))
             rates[stop.held, max(begun - 1, 0) : begun + 1] = 0.0
-        return sorted([*self.extremes_among(of, tau, u, rates), *self._slips()])
+        return sorted([*self.extremes_among(of, tau, u, rates), *self.slips])
 
-    def _slips(self) -> list[Extreme]:
-        """Return the extremes of sliders."""
+    @cached_property
+    def _samples(self) -> tuple[Integers, Array, Array, Array]:
+        """Segments, times in them, and coordinates and rates of all contacts, where some are not at rest."""
+        moves = (np.array(self.chart.statuses) != PINNED).any(axis=1)
+        segments = np.flatnonzero(moves & (self.path.durations > 0.0))
+        return self.path.sampled(self.problem.space.contacts, segments, self._steps(segments, _SEARCHED, _LEAST))
+
+    @cached_property
+    def slips(self) -> list[Extreme]:
+        """The extremes of sliders."""
         sliders, path, found = self.problem.course.sliders, self.path, list[Extreme]()
-        first = len(self.chart.start) if sliders is None else sliders.first
+        if sliders is None:
+            return found
+        of, tau, _, rates = self._samples
         for segment in np.flatnonzero(path.durations > 0.0).tolist():
             came = self.chart.switches[segment - 1] if segment else None
-            for slider in range(first, len(self.chart.start)):
-                times = np.linspace(0.0, path.durations[segment], _LEAST + 1)
-                heights = self._slip(segment, slider, times)
+            mine = slice(*np.searchsorted(of, [segment, segment + 1]))
+            for slider in range(sliders.first, len(self.chart.start)):
+                slip, status = self._slip(segment, slider), self.chart.statuses[segment][slider]
+                if status == PINNED:
+                    count = int(self._steps(np.array([segment]), _PULLS, _LEAST)[0])
+                    times = np.linspace(0.0, path.durations[segment], count + 1)
+                    heights = slip(times)
+                else:
+                    times, heights = tau[mine], rates[slider, mine] * self._back(slider, status)
                 places = (np.flatnonzero((heights[1:-1] > heights[:-2]) & (heights[1:-1] >= heights[2:])) + 1).tolist()
                 if came == (slider, PINNED):
                     places.insert(0, 0)
                 for place in places:
                     time, height = times[place], heights[place]
                     if place and height > _LOW:
-                        time, height = self._highest(segment, slider, times[place - 1], times[place + 1])
+                        time, height = _peak(slip, times[place - 1 : place + 2], heights[place - 1 : place + 2])
                     phase = float(path.times[segment] + time) * self.problem.loads.omega
                     found.append(Extreme(slider, segment, phase, float(height)))
         return found
 
-    def _slip(self, segment: int, slider: int, tau: Array) -> Array:
-        """Return by how much a slider that slides has turned back, or one that sticks exceeds its limit, (n_times,)."""
-        course, status, n = self.problem.course, self.chart.statuses[segment], self.problem.size // 2
-        if status[slider] == PINNED:
-            kept, held = course.stuck(status), int(np.sum(status[:slider] == PINNED))
-            assert course.sliders is not None
-            assert kept is not None
-            pull = self.path.motion(segment).reactions(tau)[held]
-            pull = pull + kept.reaction[held] @ self.path.starts[segment, :n]
-            return np.asarray(np.abs(pull) / course.sliders.static[slider - course.sliders.first] - 1.0)
-        row = self.problem.space.contacts[slider][None]
-        speeds = self.path.rows(row, np.full(tau.size, segment))(tau)[1][0]
-        back = -speeds if status[slider] == UP else speeds
-        return back / float(np.linalg.norm(row) * self.sizes[1])
+    def _back(self, slider: int, status: int) -> float:
+        """Return the factor by which the speed of a slider that slides becomes a height, s/m."""
+        size = float(np.linalg.norm(self.problem.space.contacts[slider]) * self.sizes[1])
+        return (-1.0 if status == UP else 1.0) / size
 
-    def _highest(self, segment: int, slider: int, low: float, high: float) -> tuple[float, float]:
-        """Return the time and the value of the largest of `_slip` in a bracket."""
-        for _ in range(_ZOOMS):
-            times = np.linspace(low, high, _ZOOM + 1)
-            heights = self._slip(segment, slider, times)
-            k = int(np.argmax(heights))
-            low, high = times[max(k - 1, 0)], times[min(k + 1, _ZOOM)]
-        return float(times[k]), float(heights[k])
+    def _slip(self, segment: int, slider: int) -> Callable[[Array], Array]:
+        """Return by how much a slider that slides has turned back, or one that sticks exceeds its limit, by times."""
+        sliders, status = self.problem.course.sliders, self.chart.statuses[segment]
+        if status[slider] == PINNED:
+            assert sliders is not None
+            pull, limit = self.chart.pull(self.problem, self.path, segment, slider), sliders.static
+            return lambda tau: np.abs(pull(tau)) / limit[slider - sliders.first] - 1.0
+        row, motion = self.problem.space.contacts[slider][None], self.path.motion(segment)
+        over, begin = motion.regime.over_blocks(row)[1], float(row[0] @ motion.velocity[0])
+        back = self._back(slider, int(status[slider]))
+
+        def slip(tau: Array) -> Array:
+            changes = motion.regime.changes(motion.starts, np.zeros(tau.size, dtype=np.int64), tau)
+            return np.asarray(back * (flat(changes) @ over + begin))
+
+        return slip
 
     def _steps(self, segments: Integers, whole: int, least: int) -> Integers:
         """Return the numbers of equal steps in segments, of so many in the whole orbit and at least in each."""
@@ -369,10 +397,23 @@ class SignatureEvaluation:
         return laws is not None and bool(laws.jumps.any())
 
     @cached_property
+    def held(self) -> Array:
+        """The Jacobian matrix where sliders that stick all along keep their places; that of multipliers."""
+        places, n = self.chart.places(self.problem), self.problem.size
+        if places is None or not self.jacobian.size:
+            return self.jacobian
+        found = self.jacobian.copy()
+        found[:n, :n] += np.eye(n)
+        moved = self.problem.modal(found[:n])
+        found[:n] = self.problem.unmodal(moved - places.moves @ (places.rows @ moved))
+        found[:n, :n] -= np.eye(n)
+        return found
+
+    @cached_property
     def monodromy(self) -> Array | None:
         """Derivative of the state after an orbit, shape (2n, 2n); None where a contact whose force jumps is grazed."""
         n = self.problem.size
-        closes, switches = self.jacobian[:n], self.jacobian[n:]
+        closes, switches = self.held[:n], self.held[n:]
         matrix = closes[:, :n] + np.eye(n)
         if not np.all(np.isfinite(self.jacobian)):
             raise ConvergenceError("the derivative of an orbit is not finite")
@@ -428,9 +469,9 @@ class SignatureEvaluation:
         n = self.problem.size
         from scipy.linalg import eig
 
-        right = np.zeros_like(self.jacobian)
+        right = np.zeros_like(self.held)
         right[:n, :n] = np.eye(n)
-        a, b = eig(self.jacobian + right, right, right=False, homogeneous_eigvals=True)
+        a, b = eig(self.held + right, right, right=False, homogeneous_eigvals=True)
         # The lengths of segments add as many infinite values.
         order = np.argsort(-np.abs(b) / np.hypot(np.abs(a), np.abs(b)))[:n]
         a, b = a[order], b[order]
@@ -495,9 +536,9 @@ class Signature:
         return np.append(known, -known.sum())
 
     def longest(self, lengths: Array) -> int:
-        """Return the longest segment, of those in which nothing rests if there are any; `lengths` (n_switches + 1,)."""
+        """Return the longest of segments, (n_switches + 1,); one in which nothing rests may be much shorter."""
         moves = np.array([PINNED not in status for status in self.statuses])
-        return int(np.argmax(np.where(moves, lengths, 0.0) if moves.any() else lengths))
+        return int(np.argmax(np.where(moves, lengths, _AT_REST * lengths)))
 
     def phases(self, y: Array) -> Array:
         """Return the phases of the switches in rad, shape (n_switches,)."""
@@ -530,10 +571,16 @@ class Signature:
             struck=self.struck, every=derivative or lifted, given=given,
         )  # fmt: skip
         residual, jacobian = np.empty(n + k), np.empty((m, m))
-        residual[:n] = closing = problem.unmodal(path.ends[-1]) - y[:n]
+        closing, places = problem.unmodal(path.ends[-1]) - y[:n], self.places(problem)
+        moved = path.columns
+        if places is not None:
+            off, centred = self._centring(problem, path, places, columns, lengthen)
+            closing = closing + problem.unmodal(places.moves @ off)
+            moved = moved + places.moves @ centred
+        residual[:n] = closing
         error = max(relative(closing, path.sizes), share(path.missed, path.sizes))
         if derivative:
-            jacobian[:n] = problem.unmodal(path.columns[:, :m])
+            jacobian[:n] = problem.unmodal(moved[:, :m])
             jacobian[:n, :n] -= np.eye(n)
         if k:
             values, rows, sizes = self._switching(problem, path)
@@ -542,10 +589,81 @@ class Signature:
             if derivative:
                 jacobian[n:] = rows[:, :m] / sizes[:, None]
             if lifted:
-                residual += np.concatenate([problem.unmodal(path.columns[:, m]), rows[:, m] / sizes])
+                residual += np.concatenate([problem.unmodal(moved[:, m]), rows[:, m] / sizes])
         if not np.all(np.isfinite(residual)):
             error = np.inf
         return SignatureEvaluation(self, problem, y.copy(), path, residual, jacobian, error, path.sizes)
+
+    def places(self, problem: Shooting) -> Places | None:
+        """Return what the places of sliders do that stick all along; None where none does."""
+        sliders, every = problem.course.sliders, np.all(np.array(self.statuses) == PINNED, axis=0)
+        if sliders is None or not every[sliders.first :].any():
+            return None
+        every[: sliders.first] = False
+        kept, rows = problem.course.stuck(self.statuses[0]), problem.space.contacts[every]
+        assert kept is not None
+        moves = np.linalg.pinv(rows)
+        stiffness = kept.reaction[every[self.statuses[0] == PINNED]] @ moves
+        back = np.linalg.pinv(stiffness, rcond=_FREE)
+        return Places(
+            np.flatnonzero(every).tolist(), np.concatenate([rows, 0.0 * rows], axis=1),
+            np.concatenate([moves, 0.0 * moves]), back, np.eye(len(rows)) - back @ stiffness,
+        )  # fmt: skip
+
+    def _centring(
+        self, problem: Shooting, path: Path, places: Places, columns: Array, lengthen: Array
+    ) -> tuple[Array, Array]:
+        """Return how far sliders that stick all along rest from their centres, (k,), and derivatives, (k, columns).
+
+        Such a slider may rest in many places. In its centre its largest and its least force are alike: there end the
+        orbits in which it slides to and fro for shorter and shorter times. It stays where its force does not depend on
+        the place. `columns`, `lengthen`: as in `Course.along`.
+        """
+        cuts = sorted(
+            (*self._strongest(problem, path, slider, way), j, way)
+            for j, slider in enumerate(places.sliders)
+            for way in (UP, DOWN)
+        )
+        # The segments are divided there, at times that follow their begins.
+        whole = [(k, tau, 1.0) for k, tau in enumerate(path.durations.tolist())]
+        of, ends, lasts = zip(*sorted([*((k, tau, 0.0) for k, tau, _, _ in cuts), *whole]), strict=True)
+        again = [k > 0 and of[k] == of[k - 1] for k in range(len(of))]
+        begins = np.array([ends[k - 1] if same else 0.0 for k, same in enumerate(again)])
+        given = [path.state(of[k], begins[k]) if same else path.begins[of[k]] for k, same in enumerate(again)]
+        split = problem.course.along(
+            float(path.times[0]), path.begins[0], [path.statuses[k] for k in of], np.array(ends) - begins, columns,
+            lengthen[list(of)] * np.array(lasts)[:, None], every=True, given=np.array(given),
+        )  # fmt: skip
+        middle, slopes = np.zeros(len(places.sliders)), np.zeros((len(places.sliders), columns.shape[1]))
+        for number, (segment, _, j, way) in enumerate(cuts):
+            force, slope, _ = self._released(problem, split, segment + number, places.sliders[j], way)
+            middle[j] += 0.5 * force
+            slopes[j] += 0.5 * slope
+        return places.back @ middle, places.back @ slopes + places.stays @ (places.rows @ columns)
+
+    def _strongest(self, problem: Shooting, path: Path, slider: int, way: int) -> tuple[int, float]:
+        """Return the segment, and the time in it, in which the force of a slider is the largest in one direction."""
+        sign, best = 1.0 if way == UP else -1.0, (-np.inf, 0, 0.0)
+        for segment in np.flatnonzero(path.durations > 0.0).tolist():
+            pull = self.pull(problem, path, segment, slider)
+            times = np.linspace(0.0, path.durations[segment], _LEAST + 1)
+            forces = sign * pull(times)
+            k = int(np.argmax(forces))
+            if forces[k] > best[0]:
+                best, found = (float(forces[k]), segment, float(times[k])), (pull, times, forces, k)
+        pull, times, forces, k = found
+        if 0 < k < _LEAST:
+            near = slice(k - 1, k + 2)
+            best = (best[0], best[1], _peak(lambda tau: sign * pull(tau), times[near], forces[near])[0])
+        return best[1:]
+
+    def pull(self, problem: Shooting, path: Path, segment: int, slider: int) -> Callable[[Array], Array]:
+        """Return the force of a slider that sticks, by times in a segment, (n_times,)."""
+        status = self.statuses[segment]
+        kept, held = problem.course.stuck(status), int(np.sum(status[:slider] == PINNED))
+        assert kept is not None
+        motion, begin = path.motion(segment), float(kept.reaction[held] @ path.starts[segment, : problem.size // 2])
+        return lambda tau: np.asarray(motion.reactions(tau)[held] + begin)
 
     def _begins(self, problem: Shooting, y: Array, near: SignatureEvaluation | States) -> Array:
         """Return modal states in which segments begin, shape (k + 1, 2n), from those at coordinates nearby."""
@@ -969,6 +1087,21 @@ def _mean(path: Path, contact: int, partner: int, index: int) -> tuple[float, Ar
     if whole != 0.0:
         derived = derived + ((means - value) / whole) @ np.diff(path.shifts[partner : index + 1], axis=0)
     return value, derived
+
+
+def _peak(function: Callable[[Array], Array], times: Array, values: Array) -> tuple[float, float]:
+    """Return the time and the value of a maximum of a smooth function between three times, of which values are given.
+
+    The last of narrower and narrower brackets is a parabola.
+    """
+    for _ in range(_ZOOMS):
+        times = np.linspace(times[0], times[-1], _ZOOM + 1)
+        values = function(times)
+        k = min(max(int(np.argmax(values)), 1), _ZOOM - 1)
+        times, values = times[k - 1 : k + 2], values[k - 1 : k + 2]
+    bend, rise = values[2] - 2.0 * values[1] + values[0], 0.5 * (values[2] - values[0])
+    shift = float(np.clip(-rise / bend, -1.0, 1.0)) if bend < 0.0 else 0.0
+    return float(times[1] + shift * (times[1] - times[0])), float(values[1] + shift * (rise + 0.5 * shift * bend))
 
 
 def _least_rate(first: Array, last: Array, ways: Array, steps: Array) -> Array:

@@ -650,7 +650,7 @@ def _outside(
 
 def _nearest(evaluation: Any, mark: Mark) -> Extreme:
     """Return the extreme of a slider that is nearest to a mark."""
-    mine = [e for e in evaluation.extremes if e.contact == mark.contact]
+    mine = [e for e in evaluation.slips if e.contact == mark.contact]
     if not mine:
         raise ConvergenceError("a slider no longer comes near to where it begins to stick or to slide")
     turn = evaluation.chart.turn
@@ -664,8 +664,6 @@ def _at_limit(
     problem = family.of(guess)
     if _breaks(problem, mark.contact):
         raise ConvergenceError(_JUMPS)
-    if all(status[mark.contact] == PINNED for status in chart.statuses):
-        raise ConvergenceError("a slider begins to slide there, which can rest in many places until then")
     evaluation = chart.evaluate(problem, guess[:-1], near=near)
     scales = scales_of(family, chart, problem, evaluation)
     by_value = derivative_by_value(family, chart, guess, evaluation)
