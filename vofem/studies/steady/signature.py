@@ -35,6 +35,7 @@ from vofem.integrators.event_driven.flow import Flow
 from vofem.integrators.event_driven.regime import Integers, flat
 from vofem.laws.friction import DOWN, UP
 from vofem.linalg.eigen import eigenvalues
+from vofem.studies.steady.extremes import Extreme, least_rate, peak, turning_points
 from vofem.studies.steady.newton import direction
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
 from vofem.studies.steady.shooting import CLOSES, Shooting, relative, share
@@ -44,22 +45,14 @@ from vofem.system import CLOSED, PINNED
 #: of forces of sliders; and the least numbers in a segment. A stiff contact rebounds quickly.
 _RANGE, _SEARCHED, _PULLS, _LEAST_RANGE, _LEAST = 600, 20000, 2000, 16, 128
 
-#: Steps in the search for an extreme in its bracket, and the last of them as a share of the bracket. What is left of it
-#: changes the extreme by the square.
-_CUTS, _FINE = 60, 1e-9
-
-#: Parts of the bracket of a slider's extreme, and how often one is searched anew.
-_ZOOM, _ZOOMS = 16, 5
-
 #: Stiffness against sliders that stick, as a share of the largest one, that is rounding.
 _FREE = 1e-10
 
 #: Height of an extreme, over the size of the motion, below which it is not computed exactly.
 _LOW = -0.05
 
-#: Height of an extreme above which others may lie close to it, and least rate between two samples, as a share of the
-#: lower one of them, that may be below zero in truth.
-_AT_GAP, _DOUBT = -1e-6, 0.2
+#: Height of an extreme above which others may lie close to it.
+_AT_GAP = -1e-6
 
 #: The anchor is moved if a switch comes nearer to it than this share of the longest segment.
 _NEAR_ANCHOR = 0.15
@@ -100,19 +93,6 @@ class Switch(NamedTuple):
 
     contact: int
     status: int
-
-
-class Extreme(NamedTuple):
-    """An extreme of a gap function: its contact, segment, phase in rad, and height over the size of the motion.
-
-    The height is positive on the wrong side, where the contact would switch. Sliders have them too: of their speeds
-    while they slide, of their reactions over their limits while they stick, and where they come to rest.
-    """
-
-    contact: int
-    segment: int
-    phase: float
-    height: float
 
 
 class Stop(NamedTuple):
@@ -184,7 +164,7 @@ class SignatureEvaluation:
         both = np.stack([i, i + 1])
         reach = np.abs(rate[both]).max(axis=0) * (tau[i + 1] - tau[i])
         i = i[(u[both].min(axis=0) - reach < u.min()) | (u[both].max(axis=0) + reach > u.max())]
-        _, turned = _turned(self.path.rows(rows, of[i]), np.zeros_like(i), tau[i], tau[i + 1])
+        _, turned = turning_points(self.path.rows(rows, of[i]), np.zeros_like(i), tau[i], tau[i + 1])
         return float(np.append(u, turned).min()), float(np.append(u, turned).max())
 
     @property
@@ -250,7 +230,7 @@ class SignatureEvaluation:
                 for place in places:
                     time, height = times[place], heights[place]
                     if place and height > _LOW:
-                        time, height = _peak(slip, times[place - 1 : place + 2], heights[place - 1 : place + 2])
+                        time, height = peak(slip, times[place - 1 : place + 2], heights[place - 1 : place + 2])
                     phase = float(path.times[segment] + time) * self.problem.loads.omega
                     found.append(Extreme(slider, segment, phase, float(height)))
         return found
@@ -306,7 +286,7 @@ class SignatureEvaluation:
         # At a gap two turns between samples are told apart where the rate between them has its extreme.
         of, at = np.nonzero((values[:, :-1] > _AT_GAP) & inside & ~turns)
         ways, steps = sizes[of] * (values[of, at + 1] - values[of, at]), tau[at + 1] - tau[at]
-        share = _least_rate(rates[of, at], rates[of, at + 1], ways, steps)
+        share = least_rate(rates[of, at], rates[of, at + 1], ways, steps)
         known = np.isfinite(share)
         if known.any():
             of, at, cut = of[known], at[known], (tau[at] + share * steps)[known]
@@ -322,7 +302,7 @@ class SignatureEvaluation:
             places = np.append(places, cut)
         near = heights > _LOW
         of, where = j[near], i[near]
-        places[near], there = _turned(path.rows(rows, segments[where]), of, low[near], high[near])
+        places[near], there = turning_points(path.rows(rows, segments[where]), of, low[near], high[near])
         heights[near] = signs[of, where] * (there - gaps[of]) / sizes[of]
         phases = (path.times[segments[i]] + places) * problem.loads.omega
         found = j.tolist(), segments[i].tolist(), phases.tolist(), heights.tolist()
@@ -654,7 +634,7 @@ class Signature:
         pull, times, forces, k = found
         if 0 < k < _LEAST:
             near = slice(k - 1, k + 2)
-            best = (best[0], best[1], _peak(lambda tau: sign * pull(tau), times[near], forces[near])[0])
+            best = (best[0], best[1], peak(lambda tau: sign * pull(tau), times[near], forces[near])[0])
         return best[1:]
 
     def pull(self, problem: Shooting, path: Path, segment: int, slider: int) -> Callable[[Array], Array]:
@@ -1087,64 +1067,6 @@ def _mean(path: Path, contact: int, partner: int, index: int) -> tuple[float, Ar
     if whole != 0.0:
         derived = derived + ((means - value) / whole) @ np.diff(path.shifts[partner : index + 1], axis=0)
     return value, derived
-
-
-def _peak(function: Callable[[Array], Array], times: Array, values: Array) -> tuple[float, float]:
-    """Return the time and the value of a maximum of a smooth function between three times, of which values are given.
-
-    The last of narrower and narrower brackets is a parabola.
-    """
-    for _ in range(_ZOOMS):
-        times = np.linspace(times[0], times[-1], _ZOOM + 1)
-        values = function(times)
-        k = min(max(int(np.argmax(values)), 1), _ZOOM - 1)
-        times, values = times[k - 1 : k + 2], values[k - 1 : k + 2]
-    bend, rise = values[2] - 2.0 * values[1] + values[0], 0.5 * (values[2] - values[0])
-    shift = float(np.clip(-rise / bend, -1.0, 1.0)) if bend < 0.0 else 0.0
-    return float(times[1] + shift * (times[1] - times[0])), float(values[1] + shift * (rise + 0.5 * shift * bend))
-
-
-def _least_rate(first: Array, last: Array, ways: Array, steps: Array) -> Array:
-    """Return at which share between samples rates of one sign may have changed it, shape (k,); NaN where they have not.
-
-    They follow parabolas, roughly. `ways`, `steps` (shape (k,)): what is passed between the samples, and times of this.
-    """
-    with np.errstate(all="ignore"):
-        bend = 3.0 * (first + last) - 6.0 * ways / steps
-        slope = last - first - bend
-        place = -0.5 * slope / bend
-        least = (first + 0.5 * slope * place) * np.sign(first)
-        turns = (np.sign(first) == np.sign(last)) & (least < _DOUBT * np.minimum(np.abs(first), np.abs(last)))
-        return np.where(turns & (place > 0.0) & (place < 1.0), place, np.nan)
-
-
-def _turned(rows: Callable[[Array], tuple[Array, Array]], of: Integers, low: Array, high: Array) -> tuple[Array, Array]:
-    """Return where rows of the motion turn, one in each bracket of times, and their values there; all of shape (k,).
-
-    `rows`: see `Path.rows`; `of` is the row of each bracket. At both ends of it the rate has opposite signs.
-    """
-    every = np.arange(of.size)
-
-    def at(tau: Array) -> Array:
-        return rows(tau)[1][of, every]
-
-    first, last, enough = at(low), at(high), _FINE * (high - low)
-    going = first * last < 0.0
-    for _ in range(_CUTS):
-        if not going.any():
-            break
-        # Secants, and the value at an end that stays is halved: the rule of Illinois.
-        with np.errstate(divide="ignore", invalid="ignore"):
-            middle = np.where(going, high - last * (high - low) / (last - first), high)
-        value = at(middle)
-        across = value * last < 0.0
-        low, first = np.where(across, high, low), np.where(across, last, np.where(going, 0.5 * first, first))
-        going &= np.abs(middle - high) > enough
-        high, last = middle, value
-        going &= first * last < 0.0
-    # One value of both may be rounding.
-    places = np.where((first * last >= 0.0) & (np.abs(first) < np.abs(last)), low, high)
-    return places, rows(places)[0][of, every]
 
 
 def signature_of(problem: Shooting, flow: Flow) -> tuple[Signature, Array]:

@@ -22,11 +22,12 @@ from vofem.integrators.event_driven.flow import Flow
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.laws.friction import DOWN, UP
 from vofem.studies.steady.between import Step, point_between
+from vofem.studies.steady.extremes import Extreme
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.near import polished
 from vofem.studies.steady.point import Point, corrected, derivative_by_value, level, point_at, scales_of
 from vofem.studies.steady.shooting import CLOSES
-from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Extreme, Signature, States, Switch, signature_of
+from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Signature, States, Switch, signature_of
 from vofem.system import CLOSED, OPEN, PINNED
 
 #: Error of an evaluation of a grazing: as small as rounding allows.
