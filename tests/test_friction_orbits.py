@@ -229,11 +229,14 @@ def test_a_branch_goes_from_sticking_all_along_to_sliding_and_back() -> None:
     assert there.at(0.9)[0].stable
 
 
-def test_a_slider_that_sticks_all_along_rests_where_its_forces_are_alike() -> None:
-    """It could rest in other places too. A constant pull shifts the middle; multipliers are those about the place."""
+def test_sliders_that_stick_all_along_stay_where_they_are_and_rest_in_the_middle_on_branches() -> None:
+    """A constant pull shifts the middle, where forces are alike; multipliers are those about the place."""
     pull = 0.3
-    orbit = vf.periodic(joined(0.8, 0.9, pull))
+    scene = joined(0.8, 0.9, pull)
+    settled = vf.simulate(scene, 60.0).displacement(scene.bodies[0])[-1]
+    np.testing.assert_allclose(vf.periodic(scene).result.displacement(scene.bodies[0]), settled, rtol=1e-11)
     rest = np.linalg.solve([[2.7, -1.2], [-1.2, 1.2]], [0.0, pull])
+    orbit = vf.continuation(lambda omega: joined(omega, 0.9, pull), 0.8, 0.79).orbits[0]
     a, b = orbit.scene.bodies
     np.testing.assert_allclose(orbit.result.displacement(a), rest[0], rtol=1e-11)
     assert orbit.result.displacement(b).mean() == pytest.approx(rest[1], rel=1e-2)
@@ -246,12 +249,35 @@ def test_a_slider_that_sticks_all_along_rests_where_its_forces_are_alike() -> No
     assert largest.real == pytest.approx(np.exp(-decay * period) * np.cos(ring * period), rel=1e-9)
 
 
-def test_a_slider_that_no_spring_pulls_back_keeps_the_place_of_the_guess() -> None:
+def test_a_branch_keeps_the_place_of_a_slider_that_no_spring_pulls_back() -> None:
     mass = vf.Mass(1.0, name="mass")
     floor = vf.Friction(mass, coefficient=0.5, normal=1.0, name="floor")
-    scene = vf.Scene([mass], [floor, vf.PointLoad(mass, vf.Sine(0.3, 1.0))], {mass: (0.2, 0.0)})
-    orbit = vf.periodic(scene, guess=vf.simulate(scene, 2.0 * np.pi))
-    np.testing.assert_allclose(orbit.result.displacement(mass), 0.2, rtol=1e-12)
+
+    def build(load: float) -> vf.Scene:
+        return vf.Scene([mass], [floor, vf.PointLoad(mass, vf.Sine(load, 1.0))], {mass: (0.2, 0.0)})
+
+    orbits = vf.continuation(build, 0.3, 0.4, guess=vf.simulate(build(0.3), 2.0 * np.pi)).orbits
+    for orbit in (orbits[0], orbits[-1]):
+        np.testing.assert_allclose(orbit.result.displacement(mass), 0.2, rtol=1e-12)
+
+
+def test_branches_pass_sticking_all_along_beside_a_stop() -> None:
+    """The motion is not symmetric, so that the middle moves; begins and ends of sliding come in pairs there too."""
+    a, b = vf.Mass(1.0, stiffness=1.0, damping=0.05, name="a"), vf.Mass(1.0, stiffness=0.5, damping=0.05, name="b")
+    stop = vf.Contact(b, gap=0.05, stiffness=5.0, side="above", acts_on="penetration", name="stop")
+    effects = [vf.Spring(a, b, stiffness=1.0), vf.Friction(a, coefficient=0.8, normal=1.0, name="floor"), stop]
+
+    def build(omega: float) -> vf.Scene:
+        return vf.Scene([a, b], [*effects, vf.PointLoad(b, vf.Sine(0.6, omega))])
+
+    there, back = (vf.continuation(build, *way) for way in ((0.6, 0.797), (0.797, 0.6)))
+    assert (there.values[-1], back.values[-1]) == (0.797, 0.6)
+    found = [(mark.kind, mark.value) for mark in there.special]
+    assert [kind for kind, _ in found] == [mark.kind for mark in back.special][::-1]
+    np.testing.assert_allclose([v for _, v in found], [mark.value for mark in back.special][::-1], rtol=1e-10)
+    slides = [value for kind, value in found if kind == "sticking"]
+    np.testing.assert_allclose(slides[::2], slides[1::2], rtol=1e-10)
+    assert len(slides) == 4
 
 
 def test_a_beam_with_a_friction_damper_is_followed_through_all_its_states() -> None:

@@ -16,7 +16,9 @@ from vofem.scene import Scene
 from vofem.studies.steady.branch import Branch
 from vofem.studies.steady.family import METHODS, Family, Interval
 from vofem.studies.steady.follow import LARGEST, REPORTED, Follower
+from vofem.studies.steady.near import in_the_middle
 from vofem.studies.steady.sheets import branch_of
+from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.steady_state import first_orbit
 
 
@@ -97,10 +99,13 @@ def continuation(
         max_seconds = number("continuation: max_seconds", max_seconds, positive=True)
     family = Family("continuation", build, Interval(start, stop), method, periods, harmonics)
     problem = family.at(start)
+    problem.centred = False
     with TerminalBar(("continuation", REPORTED), progress, 1.0, "") as bar:
         if compiling_first():
             bar.update(0.0, COMPILING.format("steady states"), at_once=True)
         problem, found, notes = first_orbit("continuation", problem, guess)
+    if isinstance(problem, Shooting):
+        found = in_the_middle(problem, found)
     family.begin_with(problem, start)
     walker = Follower(family, largest=max_step, most=max_points, seconds=max_seconds)
     walker.notes += [*notes, *undamped(problem.scene.model.system)]

@@ -65,16 +65,17 @@ def turning_points(
     return places, rows(places)[0][of, every]
 
 
-def peak(function: Callable[[Array], Array], times: Array, values: Array) -> tuple[float, float]:
-    """Return the time and the value of a maximum of a smooth function between three times, of which values are given.
+def peak(function: Callable[[Array], Array], low: float, high: float, sign: float = 1.0) -> tuple[float, float]:
+    """Return the time and the value of the maximum of a smooth function, times a sign, between two times.
 
     The last of narrower and narrower brackets is a parabola.
     """
     for _ in range(_ZOOMS):
-        times = np.linspace(times[0], times[-1], _ZOOM + 1)
-        values = function(times)
+        times = np.linspace(low, high, _ZOOM + 1)
+        values = sign * function(times)
         k = min(max(int(np.argmax(values)), 1), _ZOOM - 1)
-        times, values = times[k - 1 : k + 2], values[k - 1 : k + 2]
+        low, high = times[k - 1], times[k + 1]
+    times, values = times[k - 1 : k + 2], values[k - 1 : k + 2]
     bend, rise = values[2] - 2.0 * values[1] + values[0], 0.5 * (values[2] - values[0])
     shift = float(np.clip(-rise / bend, -1.0, 1.0)) if bend < 0.0 else 0.0
     return float(times[1] + shift * (times[1] - times[0])), float(values[1] + shift * (rise + 0.5 * shift * bend))

@@ -142,13 +142,13 @@ class Family:
         )  # fmt: skip
         while len(self._known) >= _KEPT:
             del self._known[next(iter(self._known))]
-        problem.parameters = values
+        problem.parameters, problem.centred = values, True
         self._known[values] = self._latest = problem
         return problem
 
     def begin_with(self, problem: OrbitProblem, *values: float) -> None:
         """Use a given problem at a value of each parameter. Later problems are derived from it."""
-        problem.parameters = tuple(map(float, values))
+        problem.parameters, problem.centred = tuple(map(float, values)), True
         self._known = {problem.parameters: problem}
         self._latest = problem
 

@@ -24,6 +24,9 @@ from vofem.system import PINNED
 #: Steps of the state, halvings of one of them, and steps in the lengths of segments.
 _STEPS, _HALVINGS, _POLISHED = 40, 7, 10
 
+#: In how many parts sliders that stick all along are moved at most.
+_PARTS = 12
+
 #: Change over an orbit, over the size of the motion, up to which Newton's method in lengths is tried.
 _TRIED = 0.5
 
@@ -79,6 +82,44 @@ def orbit_near(problem: Shooting, guess: Array | None, steps: int = _STEPS, *, o
             break
         now, change = _evaluated(problem, *signature_of(problem, moved))
     raise ConvergenceError(none or f"Newton's method left a residual of {change:.2e} of the motion")
+
+
+def in_the_middle(problem: Shooting, found: Solved) -> Solved:
+    """Return the orbit near another one in which sliders that stick all along rest in the middle of where they may.
+
+    They are moved there in parts, in equilibrium, since contacts may switch in other ways meanwhile.
+    Raises `ConvergenceError` if there is none.
+    """
+    part, n = 1.0, problem.space.size
+    problem.centred = True
+    for _ in range(_PARTS):
+        chart, y = found.evaluation.chart, found.evaluation.y
+        places = chart.places(problem)
+        if places is None:
+            break
+        there = chart.evaluate(problem, y)
+        near = polished(there)
+        if near is not None and near.repeats:
+            return Solved(near.chart.unknowns(problem, near.y, near), near)
+        kept = problem.course.stuck(chart.statuses[0])
+        assert kept is not None
+        off = places.moves[:n] @ (places.rows @ problem.modal(there.residual[: problem.size]))
+        z, v = problem.to_modes(found.unknowns)
+        problem.centred = False
+        try:
+            found = orbit_near(problem, problem.to_unknowns(z - part * (kept.carry @ off), v))
+        except ConvergenceError:
+            part *= 0.5
+        problem.centred = True
+    else:
+        laws = problem.system.contacts
+        assert laws is not None
+        names = " and ".join(repr(laws.names[j]) for j in places.sliders)
+        raise ConvergenceError(
+            f"{problem.what}: {names} sticks all along where the branch begins, and no orbit was found in which it "
+            "rests in the middle of where it may. Begin where it slides, or give a guess= nearer to the middle"
+        )
+    return found
 
 
 def _segments(problem: Shooting, orbit: Any) -> tuple[Signature, Array, Array] | None:

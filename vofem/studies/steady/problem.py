@@ -49,6 +49,8 @@ class OrbitProblem(ABC):
 
     size: int  #: Number n of unknowns.
     parameters: tuple[float, ...] = ()  #: Values of the parameters at which the problem was built along a branch.
+    #: Whether sliders that stick all along rest in the middle of where they may, as on branches; else where they are.
+    centred = False
 
     def __init__(
         self, what: str, scene: Scene, system: System, periods: int, period: float | None, work: Work | None

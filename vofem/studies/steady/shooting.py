@@ -168,7 +168,9 @@ class Shooting(OrbitProblem):
 
     def in_vectors(self, count: int) -> Shooting:
         """Return the problem of a large system in another number of vectors."""
-        return Shooting(self.what, self.scene, self.periods, period=self.period, work=self.work, vectors=count)
+        found = Shooting(self.what, self.scene, self.periods, period=self.period, work=self.work, vectors=count)
+        found.centred = self.centred
+        return found
 
     # -- guesses --------------------------------------------------------------------------------------
 

@@ -45,6 +45,9 @@ from vofem.system import CLOSED, PINNED
 #: of forces of sliders; and the least numbers in a segment. A stiff contact rebounds quickly.
 _RANGE, _SEARCHED, _PULLS, _LEAST_RANGE, _LEAST = 600, 20000, 2000, 16, 128
 
+#: Difference of forces between samples, as a share of the largest one, by which it may lie in another segment.
+_BESIDE = 1e-2
+
 #: Stiffness against sliders that stick, as a share of the largest one, that is rounding.
 _FREE = 1e-10
 
@@ -230,7 +233,7 @@ class SignatureEvaluation:
                 for place in places:
                     time, height = times[place], heights[place]
                     if place and height > _LOW:
-                        time, height = peak(slip, times[place - 1 : place + 2], heights[place - 1 : place + 2])
+                        time, height = peak(slip, times[place - 1], times[place + 1])
                     phase = float(path.times[segment] + time) * self.problem.loads.omega
                     found.append(Extreme(slider, segment, phase, float(height)))
         return found
@@ -584,7 +587,7 @@ class Signature:
         assert kept is not None
         moves = np.linalg.pinv(rows)
         stiffness = kept.reaction[every[self.statuses[0] == PINNED]] @ moves
-        back = np.linalg.pinv(stiffness, rcond=_FREE)
+        back = np.linalg.pinv(stiffness, rcond=_FREE) if problem.centred else np.zeros_like(stiffness)
         return Places(
             np.flatnonzero(every).tolist(), np.concatenate([rows, 0.0 * rows], axis=1),
             np.concatenate([moves, 0.0 * moves]), back, np.eye(len(rows)) - back @ stiffness,
@@ -597,8 +600,11 @@ class Signature:
 
         Such a slider may rest in many places. In its centre its largest and its least force are alike: there end the
         orbits in which it slides to and fro for shorter and shorter times. It stays where its force does not depend on
-        the place. `columns`, `lengthen`: as in `Course.along`.
+        the place, and where the problem does not ask for more. `columns`, `lengthen`: as in `Course.along`.
         """
+        held = places.stays @ (places.rows @ columns)
+        if not places.back.any():
+            return np.zeros(len(places.sliders)), held
         cuts = sorted(
             (*self._strongest(problem, path, slider, way), j, way)
             for j, slider in enumerate(places.sliders)
@@ -619,23 +625,24 @@ class Signature:
             force, slope, _ = self._released(problem, split, segment + number, places.sliders[j], way)
             middle[j] += 0.5 * force
             slopes[j] += 0.5 * slope
-        return places.back @ middle, places.back @ slopes + places.stays @ (places.rows @ columns)
+        return places.back @ middle, places.back @ slopes + held
 
     def _strongest(self, problem: Shooting, path: Path, slider: int, way: int) -> tuple[int, float]:
         """Return the segment, and the time in it, in which the force of a slider is the largest in one direction."""
-        sign, best = 1.0 if way == UP else -1.0, (-np.inf, 0, 0.0)
+        sign, sampled = 1.0 if way == UP else -1.0, list[tuple[float, int, float, float]]()
         for segment in np.flatnonzero(path.durations > 0.0).tolist():
-            pull = self.pull(problem, path, segment, slider)
             times = np.linspace(0.0, path.durations[segment], _LEAST + 1)
-            forces = sign * pull(times)
+            forces = sign * self.pull(problem, path, segment, slider)(times)
             k = int(np.argmax(forces))
-            if forces[k] > best[0]:
-                best, found = (float(forces[k]), segment, float(times[k])), (pull, times, forces, k)
-        pull, times, forces, k = found
-        if 0 < k < _LEAST:
-            near = slice(k - 1, k + 2)
-            best = (best[0], best[1], peak(lambda tau: sign * pull(tau), times[near], forces[near])[0])
-        return best[1:]
+            sampled.append((float(forces[k]), segment, float(times[max(k - 1, 0)]), float(times[min(k + 1, _LEAST)])))
+        # Between two segments samples are the same, and the largest force may lie in either of them.
+        most, found = max(sampled)[0], list[tuple[float, int, float]]()
+        for force, segment, low, high in sampled:
+            if force >= most - _BESIDE * abs(most):
+                pull = self.pull(problem, path, segment, slider)
+                time, force = peak(pull, low, high, sign)
+                found.append((force, segment, time))
+        return max(found)[1:]
 
     def pull(self, problem: Shooting, path: Path, segment: int, slider: int) -> Callable[[Array], Array]:
         """Return the force of a slider that sticks, by times in a segment, (n_times,)."""
