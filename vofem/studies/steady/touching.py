@@ -886,13 +886,13 @@ def what_contacts_do(point: Point) -> str:
         touches = f"{what} at {{}}{', the shortest' if count > 1 else ''} for {shortest:.2g} rad of the load"
         near = min((-e.height for e in point.evaluation.extremes if e.contact == contact), default=np.inf)
         for rank, (holds, told) in enumerate((
-            (kind == "stick" and all(rests), "{} sticking all along, so that bodies may rest in many places"),
             (kind != "stick" and any(rests), "{} resting at the gap for a part of it"),
             (kind == "jump" and count > _SEQUENCE, touches + ": where a force jumps they may become infinitely many"),
             (hits > _SEQUENCE, f"{hits} impacts on {{}}, which may become infinitely many"),
             (shortest < _NEARLY, touches),
             (kind == "stick" and near < _CLOSE, "{} about to stop or to slide for a short time"),
             (kind != "stick" and near < _CLOSE, f"{{}} within {max(near, 0.0):.2g} of the motion of the gap"),
+            (kind == "stick" and all(rests), "{} sticking all along"),
         )):  # fmt: skip
             if holds:
                 found.setdefault((rank, told), []).append(repr(name))
