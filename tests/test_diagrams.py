@@ -144,3 +144,18 @@ def test_a_map_of_steady_states_hatches_the_unstable_cells(tmp_path):
     assert len(state_map(found).collections) == len(axes.collections) - 1
     with pytest.raises(vf.ArgumentError, match="quantity"):
         state_map(found, tmp_path / "map.svg", quantity="phase")
+
+
+def test_a_motion_that_is_sampled_at_its_turns_repeats():
+    """At resonance velocities are zero whenever a sample is taken; what is left of them is rounding."""
+
+    def build(load):
+        mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="mass")
+        stop = vf.Contact(mass, gap=9.0, stiffness=1.0, acts_on="penetration", side="above", name="stop")
+        return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(load, 1.0))])
+
+    diagram = vf.bifurcation_diagram(build, [0.3, 0.5], executor="serial")
+    assert diagram.order().tolist() == [1, 1]
+    np.testing.assert_allclose(diagram.period, 2.0 * np.pi, rtol=1e-15)
+    (attractor,) = vf.basins(build(0.5), {"displacement": [0.0, 1.0], "velocity": [0.0]}, executor="serial").attractors
+    assert (attractor.name, attractor.share) == ("period 1", 1.0)

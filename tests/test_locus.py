@@ -235,3 +235,43 @@ def test_bad_arguments(flips, branches):
     orbit = vf.periodic(damped(3.0, 1.2), method="harmonic_balance", harmonics=5)
     with pytest.raises(MethodError, match="harmonic balance"):
         vf.locus(damped, vf.SpecialPoint("period_doubling", 3.0, orbit), 1.2, 1.3)
+
+
+@pytest.mark.parametrize("stop", ["rigid", "damped"])
+def test_a_period_doubling_moves_with_the_load_where_impacts_lose_energy(stop):
+    """With one gap all lengths grow with the load, so the locus is a straight line."""
+
+    def build(gap, load):
+        mass = vf.Mass(1.0, stiffness=1.0, damping=0.05, name="mass")
+        wall = (
+            vf.RigidStop(mass, gap=gap, restitution=0.7, side="above", name="wall")
+            if stop == "rigid"
+            else vf.Contact(
+                mass, gap=gap, stiffness=200.0, damping=1.5, acts_on="penetration", side="above", name="wall"
+            )
+        )
+        return vf.Scene([mass], [wall, vf.PointLoad(mass, vf.Sine(load, 2.6))])
+
+    found = vf.continuation(lambda gap: build(gap, 1.0), 0.1, -0.1).special
+    doubling = [point for point in found if point.kind == "period_doubling"][-1]
+    locus = vf.locus(build, doubling, 1.0, 0.5)
+    gaps, loads = locus.values.T
+    assert loads[-1] == 0.5
+    np.testing.assert_allclose(gaps, doubling.value * loads, rtol=1e-10)
+    assert len(gaps) < 30
+
+
+def test_two_period_doublings_of_a_damped_stop_meet():
+    """Their common end is where the flips of branches under nearby loads merge, found by bisection of det(Phi + I)."""
+
+    def build(omega, load):
+        a, b = vf.Mass(1.0, name="a"), vf.Mass(1.0, stiffness=1.0, damping=0.03, name="b")
+        stop = vf.Contact(a, gap=1.0, stiffness=100.0, damping=0.3, side="above", acts_on="penetration", name="stop")
+        effects = [vf.Spring(a, b, stiffness=1.0), vf.Dashpot(a, b, damping=0.03), stop]
+        return vf.Scene([a, b], [*effects, vf.PointLoad(b, vf.Sine(load, omega, phase=0.5 * np.pi))])
+
+    found = vf.continuation(lambda omega: build(omega, 0.1), 0.8, 0.7).special
+    for doubling in (point for point in found if point.kind == "period_doubling"):
+        (turn,) = vf.locus(build, doubling, 0.1, 0.09).special
+        assert (turn.kind, turn.value) == ("turn", pytest.approx(0.748299, abs=2e-6))
+        assert turn.other == pytest.approx(0.0961421, abs=1e-7)

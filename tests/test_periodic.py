@@ -297,3 +297,38 @@ def test_an_orbit_as_a_guess_lends_its_modes(monkeypatch):
         assert found.result.contacts["stop"].closings == pytest.approx(
             orbit.result.contacts["stop"].closings, abs=1e-11
         )
+
+
+def test_a_periodic_table_is_treated_by_harmonic_balance():
+    """Shooting follows one closed form over a period, so it refuses corners by name."""
+    period, count = 2.0 * np.pi, 400
+    saw = vf.Tabulated(np.arange(4 * count + 1) * period / 4.0, 0.8 * np.array([0, 1, 0, -1] * count + [0]))
+    mass = vf.Mass(1.3, stiffness=2.0, damping=0.5, name="mass")
+    scene = vf.Scene([mass], [vf.PointLoad(mass, saw)])
+    orbit = vf.periodic(scene, period=period)
+    harmonics = np.arange(1, 200, 2)
+    signs = np.where(harmonics % 4 == 1, 1.0, -1.0)
+    terms = 0.8 * 8.0 / np.pi**2 * signs / harmonics**2 / (2.0 - 1.3 * harmonics**2 + 0.5j * harmonics)
+    times = np.linspace(0.0, period, 2001)
+    expected = np.imag(np.exp(1j * np.outer(times, harmonics)) @ terms)
+    assert orbit.amplitude(mass) == pytest.approx(0.5 * np.ptp(expected), rel=1e-5)
+    assert orbit.method == "harmonic_balance"
+    assert orbit.stable
+    with pytest.raises(vf.MethodError, match=r"Tabulated.* has corners or jumps, and shooting takes sums of Sine"):
+        vf.periodic(scene, period=period, method="shooting")
+    with pytest.raises(vf.ArgumentError, match="no harmonics that set its period; give period="):
+        vf.periodic(scene)
+
+
+@pytest.mark.parametrize("load", [0.0, 1e-9, 1e-3])
+def test_orbits_that_hardly_move_about_a_deflection(load):
+    """Velocities of rounding are no motion that does not settle."""
+    mass = vf.Mass(1.0, stiffness=2.0, damping=0.15, name="mass")
+    scene = vf.Scene([mass], [vf.Gravity(9.81), vf.PointLoad(mass, vf.Sine(load, 3.0))])
+    orbit = vf.periodic(scene)
+    assert orbit.stable
+    assert orbit.amplitude(mass) == pytest.approx(load / abs(2.0 - 9.0 + 0.45j), rel=1e-5, abs=1e-14)
+    beam = vf.Beam(1.0, EI=1.0, rhoA=1.0, elements=10, supports={"left": "clamped"}, name="beam")
+    stop = vf.Contact(beam.at(1.0), gap=1.0, stiffness=50.0, side="below", acts_on="penetration", name="stop")
+    effects = [vf.Gravity(9.81), vf.ModalDamping(0.02), stop, vf.PointLoad(beam.at(1.0), vf.Sine(load, 3.0))]
+    assert vf.periodic(vf.Scene([beam], effects)).stable

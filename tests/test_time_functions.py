@@ -56,3 +56,13 @@ def test_orders_must_be_whole_numbers():
         vf.Sine(1.0, 1.0).derivative(0.0, -1)
     with pytest.raises(vf.ArgumentError, match="closed form"):
         vf.PointLoad(vf.Mass(1.0), np.sin).f.piece(0.0)
+
+
+def test_a_train_of_very_many_pulses_is_one_sum():
+    train = sum((vf.Pulse(1.0, 6.0 * k, 1.0) for k in range(2000)), vf.Constant(0.0))
+    assert len(train.terms) == 2001
+    assert train(6.0 * 1999 + 0.5) == 1.0
+    mass = vf.Mass(1.0, stiffness=1.0, name="mass")
+    assert vf.simulate(vf.Scene([mass], [vf.PointLoad(mass, train)]), 1.0).displacement(mass)[-1] == pytest.approx(
+        1.0 - np.cos(1.0), rel=1e-12
+    )

@@ -110,7 +110,8 @@ class TimeFunction(ABC):
         return sampled(self, left, right, width)
 
     def __add__(self, other: Any) -> TimeFunction:
-        return Sum((self, as_time_function(other)))
+        # One sum of many terms, not sums of sums: these may be nested too deeply.
+        return Sum(tuple(term for one in (self, as_time_function(other)) for term in getattr(one, "terms", (one,))))
 
     __radd__ = __add__
 

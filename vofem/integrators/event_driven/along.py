@@ -23,7 +23,7 @@ from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.blocks import at_steps, response
 from vofem.integrators.event_driven.clusters import Group
 from vofem.integrators.event_driven.exosystem import exosystem, gathered, pushes
-from vofem.integrators.event_driven.flow import modes_of
+from vofem.integrators.event_driven.flow import modes_of, sizes_of
 from vofem.integrators.event_driven.pieces import (
     Maps,
     Pieces,
@@ -336,5 +336,5 @@ class Course:
         times = time + np.append(0.0, np.cumsum(durations[:-1]))
         return Path(
             self, statuses, times, durations, begins, starts, ends, means, shifts, end_rows, mean_rows, last, kept,
-            (z, v), (missed[0], missed[1]),
+            sizes_of(self.space, z, v, self.horizon), (missed[0], missed[1]),
         )  # fmt: skip

@@ -32,6 +32,9 @@ MOST_EVENTS = 10_000
 #: With fewer segments the size of a motion is also computed at these shares of the time.
 _FEW, _INSIDE = 4, np.array([0.13, 0.37, 0.61, 0.86])
 
+#: Velocity of a motion that hardly moves about a deflection, over that of a vibration as large as the deflection.
+_STILL = 1e-4
+
 
 @dataclass(frozen=True)
 class Start:
@@ -102,7 +105,18 @@ class Flow:
             inside = self.start.time + (self.stop - self.start.time) * _INSIDE
             more_z, more_v = self.solution.modal(inside)
             z, v = [*z, *more_z.T], [*v, *more_v.T]
-        return max(float(np.linalg.norm(part)) for part in z), max(float(np.linalg.norm(part)) for part in v)
+        largest_z, largest_v = (max(float(np.linalg.norm(part)) for part in parts) for parts in (z, v))
+        return sizes_of(self.space, largest_z, largest_v, self.stop - self.start.time)
+
+
+def sizes_of(space: ModalSpace, z: float, v: float, duration: float) -> tuple[float, float]:
+    """Return sizes to which changes of a motion in some time are compared, from its largest displacement and velocity.
+
+    Where it hardly moves about a deflection, velocities are the rounding of what holds the deflection.
+    """
+    slowest = float(np.min(space.stiffness, initial=np.inf, where=space.stiffness > 0.0))
+    rates = [2.0 * np.pi / duration if duration > 0.0 else 0.0, np.sqrt(slowest) if np.isfinite(slowest) else 0.0]
+    return z, max(v, _STILL * float(max(rates)) * z)
 
 
 def modal_state(system: System, space: ModalSpace, state: State) -> tuple[Array, Array]:

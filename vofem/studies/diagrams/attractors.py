@@ -14,7 +14,7 @@ from vofem._validate import number, wrong
 from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.scene import Scene, as_scene
-from vofem.studies.diagrams.bifurcation import Stroboscope, order_of, stroboscope
+from vofem.studies.diagrams.bifurcation import Stroboscope, order_of, sizes_of, stroboscope
 from vofem.studies.sweep import Sweep
 from vofem.studies.sweep.sweeping import SweepOptions, sweep
 
@@ -96,7 +96,8 @@ def basins(
     skip : int
         Periods of the loads before the first sample: the transient.
     tolerance : float
-        Difference up to which two samples count as equal, relative to the largest sample of the point in all runs.
+        Difference up to which two samples count as equal, relative to the largest sample of the point in all runs;
+        velocities are compared with displacements too, as in a harmonic motion.
     points : point or sequence of points, optional
         Points whose motion distinguishes attractors. The default is the point of the first contact.
     period : float, optional
@@ -131,7 +132,7 @@ def basins(
     if not len(table):
         raise ArgumentError(f"basins: every run failed, the first with: {table.failed[0].error}")
     samples = table["looks"].reshape(-1, *table["looks"].shape[-3:])
-    index, found = _distinct(samples, tolerance)
+    index, found = _distinct(samples, tolerance * sizes_of(np.moveaxis(samples, 0, 2), np.nanmax(table["period"])))
     counts = np.bincount(index[index >= 0], minlength=len(found))
     ranking = np.argsort(-counts, kind="stable")
     attractors = _named([found[j] for j in ranking], counts[ranking] / index.size)
@@ -144,22 +145,21 @@ def _start_of(displacement: float, velocity: float, body: Any) -> dict[Any, Any]
 
 
 def _looks(scene: Scene, start: Callable[..., Mapping[Any, Any]], how: Stroboscope, **point: Any) -> dict[str, Any]:
-    samples, _ = how.samples(scene, start(**point))
-    return {"looks": samples}
+    samples, period, _ = how.samples(scene, start(**point))
+    return {"looks": samples, "period": period}
 
 
-def _distinct(samples: Array, tolerance: float) -> tuple[NDArray[np.int64], list[tuple[int, Array]]]:
+def _distinct(samples: Array, tolerance: Array) -> tuple[NDArray[np.int64], list[tuple[int, Array]]]:
     """Return the number of the attractor of every run, and order and points of each attractor."""
     found: list[tuple[int, Array]] = []
     index = np.full(samples.shape[0], -1, dtype=np.int64)
-    size = np.nanmax(np.abs(samples), axis=(0, 3), keepdims=True)[0]
     for k, own in enumerate(samples):
         if not np.all(np.isfinite(own)):
             continue
-        order = order_of(own, tolerance * size)
+        order = order_of(own, tolerance)
         own = own[..., : order or None]
         for j, (other, points) in enumerate(found):
-            if other == order and (order == 0 or _same(own, points, tolerance * size)):
+            if other == order and (order == 0 or _same(own, points, tolerance)):
                 index[k] = j
                 break
         else:

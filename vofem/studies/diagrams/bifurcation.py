@@ -33,8 +33,8 @@ class Stroboscope:
     skip: int  #: Periods before the first sample.
     method: str  #: See `vofem.simulate`.
 
-    def samples(self, scene: Scene, initial: Any = None) -> tuple[Array, StoredState]:
-        """Return the samples of displacements and velocities, and the state at the last sample.
+    def samples(self, scene: Scene, initial: Any = None) -> tuple[Array, float, StoredState]:
+        """Return the samples of displacements and velocities, the time between two, and the state at the last one.
 
         Returns `samples` (shape (2, n_points, periods)): displacements, m, and velocities, m/s.
         """
@@ -43,7 +43,7 @@ class Stroboscope:
         result = simulate(scene, float(times[-1]), times=times, initial=initial, method=self.method, progress=False)
         section = poincare(result, period, skip=self.skip + 1)
         samples = [(section.displacement(point), section.velocity(point)) for point in self._of(scene)]
-        return np.array(samples).transpose(1, 0, 2), result.as_start()
+        return np.array(samples).transpose(1, 0, 2), period, result.as_start()
 
     def names(self, scene: Scene) -> tuple[str, ...]:
         """Return the names of the points that are sampled."""
@@ -68,6 +68,16 @@ def first_point(scene: Scene) -> Any:
     if not scene.contacts:
         raise ArgumentError("the scene has no contact whose point could be looked at; give points=")
     return scene.contacts[0].points()[0]
+
+
+def sizes_of(samples: Array, period: float) -> Array:
+    """Return sizes of displacements in m and velocities in m/s for samples, shape (2, n_points, ..., periods).
+
+    The result has the shape (2, n_points, 1). One of both may be zero whenever a sample is taken, so each is at least
+    as large as in a harmonic motion with the other one.
+    """
+    largest, rate = np.nanmax(np.abs(samples).reshape(*samples.shape[:2], -1), axis=2), 2.0 * np.pi / period
+    return np.maximum(largest, np.stack([largest[1] / rate, largest[0] * rate]))[:, :, None]
 
 
 def order_of(samples: Array, tolerance: Array) -> int:
@@ -101,12 +111,15 @@ class BifurcationDiagram:
         values. NaN where a run failed.
     failed : tuple of str
         A message for each run that failed.
+    period : ndarray, shape (n_values,)
+        Time between two samples in s; NaN where the run from rest failed.
     """
 
     values: Array
     points: tuple[str, ...]
     samples: dict[str, Array]
     failed: tuple[str, ...]
+    period: Array
 
     def __repr__(self) -> str:
         periods = self.samples["rest"].shape[-1]
@@ -136,12 +149,18 @@ class BifurcationDiagram:
         ----------
         start : {"rest", "up", "down"}
         tolerance : float
-            Difference up to which samples count as equal, relative to the largest sample of the point.
+            Difference up to which samples count as equal, relative to the largest sample of the point; velocities are
+            compared with displacements too, as in a harmonic motion.
         """
         choice("BifurcationDiagram: start", start, tuple(self.samples))
-        samples = self.samples[start]
-        allowed = tolerance * np.nanmax(np.abs(samples), axis=(2, 3))[:, :, None]
-        return np.array([order_of(samples[:, :, k], allowed) for k in range(self.values.size)], dtype=np.int64)
+        samples, known = self.samples[start], np.where(np.isfinite(self.period), self.period, np.nanmax(self.period))
+        return np.array(
+            [
+                order_of(samples[:, :, k], tolerance * sizes_of(samples, period))
+                for k, period in enumerate(known.tolist())
+            ],
+            dtype=np.int64,
+        )
 
 
 def bifurcation_diagram(
@@ -209,7 +228,7 @@ def bifurcation_diagram(
             samples[name][:, :, order] = chains["looks"][k]
             failed += [f"{name}: {message}" for message in chains["errors"][k] if message]
     names = next(names for names in rest["names"] if all(names))
-    return BifurcationDiagram(given, tuple(map(str, names)), samples, tuple(failed))
+    return BifurcationDiagram(given, tuple(map(str, names)), samples, tuple(failed), rest["period"])
 
 
 def _beside(options: SweepOptions, part: str) -> SweepOptions:
@@ -223,8 +242,8 @@ def _beside(options: SweepOptions, part: str) -> SweepOptions:
 
 def _from_rest(value: float, build: Callable[[float], Scene], how: Stroboscope) -> dict[str, Any]:
     scene = build(value)
-    samples, _ = how.samples(scene)
-    return {"looks": samples, "names": how.names(scene)}
+    samples, period, _ = how.samples(scene)
+    return {"looks": samples, "names": how.names(scene), "period": period}
 
 
 def _chain(values: Sequence[float], build: Callable[[float], Scene], how: Stroboscope) -> dict[str, Any]:
@@ -236,7 +255,7 @@ def _chain(values: Sequence[float], build: Callable[[float], Scene], how: Strobo
         scene = build(value)
         error = ""
         try:
-            samples, end = how.samples(scene, end)
+            samples, _, end = how.samples(scene, end)
         except VofemError as fault:
             samples = np.full((2, len(how.names(scene)), how.periods), np.nan)
             error = f"value {value!r}: {type(fault).__name__}: {fault}"

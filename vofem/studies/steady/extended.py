@@ -120,6 +120,7 @@ class Extended:
         #: Number of coordinates beyond those of the orbit.
         self.more = 2 if kind in ("neimark_sacker", "branch_point") else 1
         self._borders: _Borders | None = None
+        self._divisors: Array | None = None
 
     def __getattr__(self, name: str) -> Any:
         """Return from the orbits' own chart what does not depend on lengths of segments; states come first in both."""
@@ -138,7 +139,7 @@ class Extended:
         `near` is for coordinates whose states are unknowns too.
         """
         m = y.size - self.more
-        now = self.inner.evaluate(problem, y[:m])
+        now = self._orbit(problem, y[:m])
         if self.kind == "grazing":
             return self._grazing(problem, y, now, derivative)
         branch = self.kind == "branch_point"
@@ -194,6 +195,17 @@ class Extended:
                 jacobian[m, :m], jacobian[m, -1] = slopes[0], slope
         return ExtendedEvaluation(now, residual, jacobian, error, bend, critical.get(self.kind, (1.0 + 0.0j,)))
 
+    def _orbit(self, problem: Any, y: Array, *, derivative: bool = True) -> Any:
+        """Return the equations of the orbit, those of switches in units that stay, so that derivatives are exact."""
+        now = self.inner.evaluate(problem, y, derivative=derivative)
+        if not self.inner.segmented:
+            return now
+        if self._divisors is None:
+            self._divisors = now.divisors
+        ratio = np.concatenate([np.ones(problem.size), now.divisors / self._divisors])
+        jacobian = ratio[:, None] * now.jacobian if now.jacobian.size else now.jacobian
+        return replace(now, residual=ratio * now.residual, jacobian=jacobian)
+
     def solved(self, guess: Array) -> Array:
         """Return the special orbit on a branch near a guess, with `value` as its last unknown.
 
@@ -231,7 +243,7 @@ class Extended:
     def _at(self, problem: Any, inner: Array, away: float, *, derivative: bool = True) -> Any:
         """Return the equations of the orbit at another `value`."""
         value, *others = problem.parameters
-        return self.inner.evaluate(self.family.at(value + away, *others), inner, derivative=derivative)
+        return self._orbit(self.family.at(value + away, *others), inner, derivative=derivative)
 
     def _reduced(self, problem: Any) -> bool:
         """Return whether the switches do not change the motion to first order, so that multipliers need none of them.
@@ -317,7 +329,7 @@ class Extended:
         moved = inner.copy()
         moved[: min(away.size, m)] += away[:m]
         if self.kind != "branch_point":
-            return np.asarray(self._tested_matrix(self.inner.evaluate(problem, moved)))
+            return np.asarray(self._tested_matrix(self._orbit(problem, moved)))
         step = _ALONG * self.size
         at = float(away[m])
         ends = [self._at(problem, moved, at + sign * step, derivative=False).residual for sign in (1.0, -1.0)]

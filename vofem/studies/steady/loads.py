@@ -68,6 +68,8 @@ def load_period(what: str, system: System, period: float | None = None) -> LoadP
             f"{what}: {resting} has the frequency 0 here and is constant, so nothing sets the period; begin at a small "
             "positive frequency, or give period= in s"
         )
+    elif bent := with_corners(system):
+        raise ArgumentError(f"{what}: {bent} has no harmonics that set its period; give period= in s")
     else:
         raise ArgumentError(
             f"{what}: no load varies in time, so nothing sets the period. Add a load such as "
@@ -115,6 +117,12 @@ def _at_rest(system: System) -> str:
         if isinstance(part, Sine) and part.omega == 0.0
     )
     return next(zero, "")
+
+
+def with_corners(system: System) -> str:
+    """Return the name of a load that has corners or jumps; empty where there is none."""
+    functions = ((load.name, load.function) for load in system.loads)
+    return next((name for name, f in functions if isinstance(f, TimeFunction) and f.corners(0.0, np.inf).size), "")
 
 
 def _fundamental(what: str, frequencies: list[tuple[Load, float]]) -> float:

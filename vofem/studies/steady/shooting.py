@@ -24,6 +24,7 @@ from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.plan import Plan, run_plan
 from vofem.studies.steady.condensed import Condensed, condensable, condensed, first_count
+from vofem.studies.steady.loads import with_corners
 from vofem.studies.steady.orbit import TIMES, OrbitSource, PeriodicOrbit
 from vofem.studies.steady.problem import OrbitProblem, Work
 from vofem.system import OPEN, State, System
@@ -270,6 +271,9 @@ def shooting_refusal(scene: Scene) -> str | None:
     sliders = system.sliders
     reason = None if sliders is None else sliders.orbit_refusal()
     reason = reason or flow_refusal("shooting", system, "method='harmonic_balance'")
+    bent = with_corners(system)
+    if reason is None and bent:
+        return f"{bent} has corners or jumps, and shooting takes sums of Sine and Constant. Use harmonic balance"
     if reason is None and sliders is not None and system.contacts is not None and system.contacts.rigid.any():
         stop = system.contacts.labels[int(np.argmax(system.contacts.rigid))]
         return (

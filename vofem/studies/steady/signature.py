@@ -135,6 +135,8 @@ class SignatureEvaluation:
     jacobian: Array  #: Empty without derivatives, shape (m, m).
     error: float  #: The largest residual, or what segments miss of the next ones, over the size of the motion.
     sizes: tuple[float, float]  #: Sizes of modal displacements and velocities.
+    #: Sizes by which the equations of the switches were divided, shape (k,); derivatives do not tell how these change.
+    divisors: Array
 
     #: An error that may be rounding.
     solved: ClassVar[float] = 1e-10
@@ -565,6 +567,7 @@ class Signature:
         if derivative:
             jacobian[:n] = problem.unmodal(moved[:, :m])
             jacobian[:n, :n] -= np.eye(n)
+        sizes = np.ones(0)
         if k:
             values, rows, sizes = self._switching(problem, path)
             residual[n:] = values / sizes
@@ -575,7 +578,7 @@ class Signature:
                 residual += np.concatenate([problem.unmodal(moved[:, m]), rows[:, m] / sizes])
         if not np.all(np.isfinite(residual)):
             error = np.inf
-        return SignatureEvaluation(self, problem, y.copy(), path, residual, jacobian, error, path.sizes)
+        return SignatureEvaluation(self, problem, y.copy(), path, residual, jacobian, error, path.sizes, sizes)
 
     def places(self, problem: Shooting) -> Places | None:
         """Return what the places of sliders do that stick all along; None where none does."""
