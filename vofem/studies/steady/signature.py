@@ -19,7 +19,7 @@ H. Dankowicz, F. Schilder, Recipes for Continuation, SIAM 2013, doi:10.1137/1.97
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import itemgetter
@@ -842,6 +842,8 @@ class Signature:
             seen = [(p, e.after) for p, e in found if e.contact == contact]
             if [status for _, status in mine] == [status for _, status in seen]:
                 continue
+            if not mine and _one_way({self.start[contact], *(status for _, status in seen)}):
+                continue
             hit = contact in self.struck or any(e.contact == contact and e.before == e.after for e in flow.events)
             rests = any(status == PINNED for _, status in (*mine, *seen))
             if hit or rests or _lasting(self.start[contact], mine) != _lasting(self.start[contact], seen):
@@ -1079,12 +1081,23 @@ def _mean(path: Path, contact: int, partner: int, index: int) -> tuple[float, Ar
     return value, derived
 
 
+def _one_way(statuses: Collection[int]) -> bool:
+    """Return whether a slider sticks and slides in one direction alone.
+
+    It does not come back to its place, so in an orbit it sticks: there its force reaches the limit at most.
+    """
+    return PINNED in statuses and (UP in statuses) != (DOWN in statuses)
+
+
 def signature_of(problem: Shooting, flow: Flow) -> tuple[Signature, Array]:
     """Return the signature of a flow over one orbit from the phase at which it starts, and coordinates."""
-    omega = problem.loads.omega
-    segments = flow.solution.segments
-    start = tuple(int(s) for s in segments.status[0])
-    events = [(e.time * omega, Switch(e.contact, e.after)) for e in flow.events]
+    omega, segments = problem.loads.omega, flow.solution.segments
+    statuses = {
+        j: {int(s), *(e.after for e in flow.events if e.contact == j)} for j, s in enumerate(segments.status[0])
+    }
+    stuck = [j for j, own in statuses.items() if _one_way(own)]
+    start = tuple(PINNED if j in stuck else int(s) for j, s in enumerate(segments.status[0]))
+    events = [(e.time * omega, Switch(e.contact, e.after)) for e in flow.events if e.contact not in stuck]
     anchor = flow.start.time * omega
     lengths = np.diff([anchor, *(time for time, _ in events)])
     new = Signature(start, tuple(switch for _, switch in events), anchor, problem.periods)
