@@ -249,6 +249,36 @@ def test_sliders_that_stick_all_along_stay_where_they_are_and_rest_in_the_middle
     assert largest.real == pytest.approx(np.exp(-decay * period) * np.cos(ring * period), rel=1e-9)
 
 
+@pytest.mark.parametrize("ends", [(2.0, 0.5), (0.5, 2.0)])
+@pytest.mark.parametrize("of", ["load", "limit", "pulled"])
+def test_a_mass_comes_to_rest_and_begins_to_slide(of: str, ends: tuple[float, float]) -> None:
+    """Where its slider sticks nothing moves; it slides where the load exceeds the limit, in the middle of its play."""
+
+    def build(value: float) -> vf.Scene:
+        load, limit = (1.0, value) if of == "limit" else (value, 1.0)
+        mass = vf.Mass(1.0, stiffness=1.0, damping=0.05, name="mass")
+        pad = vf.Friction(mass, coefficient=limit, normal=1.0, name="pad")
+        pull = vf.PointLoad(mass, 0.3 if of == "pulled" else 0.0)
+        return vf.Scene([mass], [pad, vf.PointLoad(mass, vf.Sine(load, 0.6)), pull])
+
+    branch = vf.continuation(build, *ends)
+    assert branch.values[-1] == ends[1]
+    np.testing.assert_allclose([mark.value for mark in branch.special], [1.0, 1.0], rtol=1e-9)
+    still = branch.orbits[-1 if (of == "limit") == (ends[1] > 1.0) else 0]
+    place = 0.3 if of == "pulled" else 0.0
+    np.testing.assert_allclose(still.result.displacement(still.scene.bodies[0]), place, atol=1e-12)
+
+
+def test_a_slider_at_the_edge_of_its_play_sticks() -> None:
+    """The motion from rest pushes it there for ever, in one direction; an orbit does not come back from that."""
+    orbit = vf.periodic(joined(0.8, 1.005 * 0.6373968, 0.3))
+    slider = orbit.result.frictions["floor"]
+    assert slider.dissipated[-1] == 0.0
+    assert np.abs(slider.force).max() == pytest.approx(slider.force.max())
+    period = 2.0 * np.pi / 0.8
+    assert np.abs(orbit.multipliers).max() == pytest.approx(np.exp(-0.5 * 0.05 / 0.7 * period), rel=1e-9)
+
+
 def test_a_branch_keeps_the_place_of_a_slider_that_no_spring_pulls_back() -> None:
     mass = vf.Mass(1.0, name="mass")
     floor = vf.Friction(mass, coefficient=0.5, normal=1.0, name="floor")

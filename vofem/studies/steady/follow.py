@@ -151,7 +151,7 @@ class Follower:
         while not self._over:
             size = float(np.linalg.norm(now.y[: now.problem.size]))
             largest = max(largest, size)
-            if size < _VANISHED * largest:
+            if size < _VANISHED * largest and not now.problem.least:
                 self.notes.append(
                     f"the {self.noun} ends at {now.value:.6g}, where the motion vanishes: it is {size / largest:.0e} "
                     "of the largest one. To go on, begin beyond"

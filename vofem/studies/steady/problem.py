@@ -51,6 +51,7 @@ class OrbitProblem(ABC):
     parameters: tuple[float, ...] = ()  #: Values of the parameters at which the problem was built along a branch.
     #: Whether sliders that stick all along rest in the middle of where they may, as on branches; else where they are.
     centred = False
+    least: float = 0.0  #: Least size of displacements to which changes are compared; 0 where motions tell it.
 
     def __init__(
         self, what: str, scene: Scene, system: System, periods: int, period: float | None, work: Work | None

@@ -27,10 +27,14 @@ from vofem.studies.steady.condensed import Condensed, condensable, condensed, fi
 from vofem.studies.steady.loads import with_corners
 from vofem.studies.steady.orbit import TIMES, OrbitSource, PeriodicOrbit
 from vofem.studies.steady.problem import OrbitProblem, Work
-from vofem.system import OPEN, State, System
+from vofem.system import OPEN, PINNED, State, System
 
 #: Degrees of freedom up to which all modes may be unknowns.
 MOST_UNKNOWNS = 600
+
+#: Stiffness against sliders that stick, as a share of the largest one, that is rounding, and the share of what they can
+#: hold below which a displacement is no size of a motion.
+FREE, _HELD = 1e-10, 1e-6
 
 #: Largest difference of both ends of an orbit under an ordinary run, over the size of the motion.
 CLOSES = 1e-8
@@ -126,6 +130,18 @@ class Shooting(OrbitProblem):
     def course(self) -> Course:
         """Follows motions along given segments."""
         return Course(self.system, self.duration, self.work.runs, self.given.sliders)
+
+    @cached_property
+    def least(self) -> float:  # type: ignore[override]
+        """Least size of modal displacements to which changes are compared: a share of those that sliders can hold."""
+        sliders = self.course.sliders
+        if sliders is None:
+            return 0.0
+        status = np.full(len(self.space.contacts), OPEN, dtype=np.int64)
+        status[sliders.first :] = PINNED
+        kept, moves = self.course.stuck(status), np.linalg.pinv(self.space.contacts[sliders.first :])
+        assert kept is not None
+        return _HELD * float(np.linalg.norm(moves @ np.linalg.pinv(kept.reaction @ moves, rcond=FREE) @ sliders.static))
 
     # -- unknowns and modal states --------------------------------------------------------------------
 

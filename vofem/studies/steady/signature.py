@@ -38,7 +38,7 @@ from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.extremes import Extreme, least_rate, peak, turning_points
 from vofem.studies.steady.newton import direction
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
-from vofem.studies.steady.shooting import CLOSES, Shooting, relative, share
+from vofem.studies.steady.shooting import CLOSES, FREE, Shooting, relative, share
 from vofem.system import CLOSED, PINNED
 
 #: Steps of an orbit from which its range is refined, and among which extremes of gap functions are searched, and those
@@ -47,9 +47,6 @@ _RANGE, _SEARCHED, _PULLS, _LEAST_RANGE, _LEAST = 600, 20000, 2000, 16, 128
 
 #: Difference of forces between samples, as a share of the largest one, by which it may lie in another segment.
 _BESIDE = 1e-2
-
-#: Stiffness against sliders that stick, as a share of the largest one, that is rounding.
-_FREE = 1e-10
 
 #: Height of an extreme, over the size of the motion, below which it is not computed exactly.
 _LOW = -0.05
@@ -555,6 +552,9 @@ class Signature:
             self.anchor / omega, problem.modal(y[:n]), self.statuses, lengths / omega, columns, lengthen,
             struck=self.struck, every=derivative or lifted, given=given,
         )  # fmt: skip
+        # Where all is at rest, rounding is compared with what sliders can hold.
+        least = problem.least
+        path = replace(path, sizes=(max(path.sizes[0], least), max(path.sizes[1], omega * least))) if least else path
         residual, jacobian = np.empty(n + k), np.empty((m, m))
         closing, places = problem.unmodal(path.ends[-1]) - y[:n], self.places(problem)
         moved = path.columns
@@ -590,7 +590,7 @@ class Signature:
         assert kept is not None
         moves = np.linalg.pinv(rows)
         stiffness = kept.reaction[every[self.statuses[0] == PINNED]] @ moves
-        back = np.linalg.pinv(stiffness, rcond=_FREE) if problem.centred else np.zeros_like(stiffness)
+        back = np.linalg.pinv(stiffness, rcond=FREE) if problem.centred else np.zeros_like(stiffness)
         return Places(
             np.flatnonzero(every).tolist(), np.concatenate([rows, 0.0 * rows], axis=1),
             np.concatenate([moves, 0.0 * moves]), back, np.eye(len(rows)) - back @ stiffness,
