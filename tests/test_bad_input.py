@@ -226,7 +226,7 @@ def test_bad_argument(call, message):
     with pytest.raises(vf.VofemError, match=message) as caught:
         call()
     assert isinstance(caught.value, ValueError)
-    assert time.process_time() - start < 2.0
+    assert time.process_time() - start < 20.0
 
 
 def test_bad_initial_states():

@@ -780,3 +780,21 @@ def test_steps_under_a_tolerance_grow_again_after_a_slider_has_turned() -> None:
     result = vf.simulate(scene, 0.06, method="energy_conserving", tol=3e-7)
     assert result.frictions["pad"].stops == pytest.approx(run(scene, 0.06).frictions["pad"].stops, abs=1e-7)
     assert result.counters.steps < 6000
+
+
+@pytest.mark.parametrize("difference", [1e-14, 1e-12, 1e-10])
+def test_two_joints_that_are_nearly_equal_begin_to_slide_together(difference):
+    """One of them is at its limit when the other one has just begun and has no speed yet; the run went no further."""
+    a, b, c = (
+        vf.Mass(0.8, stiffness=1.0, damping=0.08, name="a"),
+        vf.Mass(0.7, stiffness=0.4, damping=0.08, name="b"),
+        vf.Mass(0.8, stiffness=1.0, damping=0.08, name="c"),
+    )
+    effects = [vf.Spring(a, b, stiffness=0.9), vf.Spring(b, c, stiffness=0.9), vf.PointLoad(b, vf.Sine(0.4, 1.1))]
+    pads = [
+        vf.Friction(mass, coefficient=0.25, normal=1.0 + k * difference, name=f"pad {mass.name}")
+        for k, mass in enumerate((a, c))
+    ]
+    result = vf.simulate(vf.Scene([a, b, c], [*effects, *pads]), 30.0, method="event_driven")
+    assert result.frictions["pad a"].breaks.size == result.frictions["pad c"].breaks.size == 10
+    np.testing.assert_allclose(result.displacement(a), result.displacement(c), atol=100.0 * difference)

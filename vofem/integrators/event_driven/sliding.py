@@ -154,7 +154,9 @@ class SlidingSolution(EventSolution):
             lead = triggered.get(first + j, PINNED)
             before = status[first + j]
             if lead == PINNED and before in (UP, DOWN):
-                orders.append((PINNED, DOWN if before == UP else UP, before))
+                back = DOWN if before == UP else UP
+                # What has not come to rest by an event has just begun to slide, and goes on if it can.
+                orders.append((PINNED, back, before) if first + j in triggered else (before, PINNED, back))
             else:
                 orders.append((lead, *(one for one in (PINNED, UP, DOWN) if one != lead)))
         if len(undecided) > _MOST_UNDECIDED:
@@ -167,7 +169,7 @@ class SlidingSolution(EventSolution):
         for choice in choices:
             trial = status.copy()
             trial[places] = [order[k] for order, k in zip(orders, choice, strict=True)]
-            if self._admissible(t, trial, displacement, velocity, gaps, triggered, undecided):
+            if self._admissible(t, trial, displacement, velocity, gaps, triggered, undecided, status):
                 status[:] = trial
                 return
         raise ConvergenceError(
@@ -177,7 +179,7 @@ class SlidingSolution(EventSolution):
 
     def _admissible(
         self, t: float, status: Integers, displacement: Array, velocity: Array, gaps: Array, triggered: dict[int, int],
-        undecided: list[int],
+        undecided: list[int], before: Integers,
     ) -> bool:  # fmt: skip
         sliders, first = self.sliders, self.contact_count
         rate, reaction, size = self.accelerations(t, status, displacement, velocity, gaps)
@@ -190,7 +192,9 @@ class SlidingSolution(EventSolution):
                     return False
             else:
                 sign = 1.0 if status[at] == UP else -1.0
-                if sign * rate[j] < -_ZERO * size[j] or (at not in triggered and sign * rate[j] <= _ZERO * size[j]):
+                # One that has just begun to slide may go on as slowly as it began.
+                begins = at not in triggered and status[at] != before[at]
+                if sign * rate[j] < -_ZERO * size[j] or (begins and sign * rate[j] <= _ZERO * size[j]):
                     return False
         return True
 

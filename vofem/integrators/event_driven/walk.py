@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
-from vofem.errors import EventStormError
+from vofem.errors import ConvergenceError, EventStormError
 from vofem.integrators.event_driven.bounces import REST, struck
 from vofem.integrators.event_driven.regime import Regime
 from vofem.integrators.event_driven.search import (
@@ -39,6 +39,9 @@ Status = NDArray[np.int64]
 
 #: Most impacts at one time.
 _MOST_AT_ONCE = 10_000
+
+#: Events of sliders at one moment, above which they would not end.
+_STALLED = 200
 
 #: A speed below this share of the terms that it is summed of is zero.
 _ZERO = 1e-13
@@ -69,6 +72,8 @@ class Walker:
         self._bounced = False
         # Sliders that have changed their status at the last event.
         self._triggered: set[int] = set()
+        # Events in a row at one moment.
+        self._stalled = 0
         # What searches take of linear pieces, by these.
         self._pieces: dict[int, tuple[Regime, Status, Array, list[NDArray]]] = {}
         if solution.record.segments:
@@ -119,6 +124,12 @@ class Walker:
             exits = regime.exits
             self._pass_event(dict(zip(exits.owner[hits].tolist(), exits.leads[hits].tolist(), strict=True)))
             solution.gaps_now = self._gaps
+        self._stalled = self._stalled + 1 if tau == 0.0 else 0
+        if self._stalled > _STALLED and isinstance(solution, SlidingSolution):
+            raise ConvergenceError(
+                f"at t = {self.time:.6g} s sliders stop and begin to slide without end, "
+                f"{solution.sliders.labels[0]} among them; rounding hides what happens there. Give them a stiffness"
+            )
 
     def _record(self) -> int:
         """Begin a segment in the present state; return its number."""
@@ -217,7 +228,8 @@ class Walker:
         if isinstance(self.solution, SlidingSolution):
             before = self.solution.record.last_status
             self._decide(triggered)
-            self._triggered = self._changed(before)
+            # One that keeps its status begins anew from rest.
+            self._triggered = self._changed(before) | set(triggered)
 
     def _pass_contacts(self, entered: dict[int, int]) -> None:
         solution, rigid = self.solution, self._laws.rigid

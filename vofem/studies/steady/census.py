@@ -25,7 +25,7 @@ ON_CIRCLE = 1e-8
 _RECIPROCAL = 1e-12
 
 #: Modulus of a multiplier below which it counts as far inside of the unit circle, wherever it is.
-_FADED = 0.05
+_FADED, _VAST = 0.05, 1e300
 
 
 class Census(NamedTuple):
@@ -67,7 +67,7 @@ def counts_of(values: Complex) -> Census:
 
 
 def logarithms(point: Point) -> Complex:
-    """Return the logarithms of the multipliers; their real parts vanish on the unit circle, and are bounded below.
+    """Return the logarithms of the multipliers; their real parts vanish on the unit circle, and are bounded.
 
     There are none where multipliers are not known.
     """
@@ -75,7 +75,7 @@ def logarithms(point: Point) -> Complex:
     if values is None:
         return np.zeros(0, dtype=complex)
     sizes = np.abs(values)
-    return np.where(sizes > _FADED, np.log(np.maximum(sizes, _FADED)) + 1j * np.angle(values), np.log(_FADED))
+    return np.where(sizes > _FADED, np.log(np.clip(sizes, _FADED, _VAST)) + 1j * np.angle(values), np.log(_FADED))
 
 
 def matched(these: Complex, others: Complex) -> Complex:

@@ -20,6 +20,7 @@ from vofem.studies.steady.crossings import SHORTER, crossings, hidden_beside
 from vofem.studies.steady.family import Family, Interval
 from vofem.studies.steady.near import signature_at
 from vofem.studies.steady.point import ORIGIN, Point, corrected, level, point_at, scales_of
+from vofem.studies.steady.problem import OutOfTime
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.signature import Signature
 from vofem.studies.steady.special import SpecialPoint, special_at
@@ -139,15 +140,23 @@ class Follower:
         self.points.append(first)
         self._count("flows")
         self._leaving_another = leaving
+        work = self.family.work
+        work.until = np.inf if self.seconds is None else time.monotonic() + self.seconds
         with branch_progress(self.family.interval, progress, self.family.what) as report:
-            self._walk(first, min(step, self.largest), report)
+            try:
+                self._walk(first, min(step, self.largest), report)
+            except OutOfTime:
+                work.until, now = np.inf, self.points[-1]
+                told = f"the limit of {self.seconds:g} s was reached at {now.value:.9g}; raise max_seconds to go on"
+                self._stopped(now, told)
+        work.until = np.inf
         self.special.sort(key=lambda mark: mark.place)
         self.counters.points, self.counters.check_flows = len(self.points), self.family.work.checks
         self.counters.eigensolves = self.family.work.runs.eigensolves
 
     def _walk(self, now: Point, step: float, report: Callable[[float], bool]) -> None:
         """Follow the branch from a point."""
-        begun, largest = time.monotonic(), 0.0
+        largest = 0.0
         while not self._over:
             size = float(np.linalg.norm(now.y[: now.problem.size]))
             largest = max(largest, size)
@@ -159,10 +168,6 @@ class Follower:
                 return
             if len(self.points) >= self.most:
                 self._stopped(now, f"the {self.noun} was followed for {self.most} points; raise max_points to go on")
-                return
-            if self.seconds is not None and time.monotonic() - begun > self.seconds:
-                told = f"the limit of {self.seconds:g} s was reached at {now.value:.9g}; raise max_seconds to go on"
-                self._stopped(now, told)
                 return
             if report(now.value):
                 self.interrupted = True

@@ -319,6 +319,7 @@ class HarmonicBalance(OrbitProblem):
 
     def evaluate(self, unknowns: Array, *, derivative: bool = True) -> HarmonicEvaluation:
         """Return the balance of harmonics."""
+        self.work.begin()
         self.work.flows += 1
         m, h = self.laws.size, self.harmonics
         u = unknowns.reshape(m, 2 * h + 1)

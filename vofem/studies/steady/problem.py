@@ -12,15 +12,22 @@ in any way.
 
 from __future__ import annotations
 
+import time
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
 
 from vofem.arrays import Array
 from vofem.scene import Scene
 from vofem.studies.steady.loads import LoadPeriod, load_period
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.system import Counters, System
+
+
+class OutOfTime(Exception):  # noqa: N818 (no error: what was found is returned)
+    """The time is over that was given for a search."""
 
 
 @dataclass
@@ -31,6 +38,12 @@ class Work:
     flows: int = 0
     checks: int = 0  #: Flows over orbits that are known, with which these are checked.
     runs: Counters = field(default_factory=Counters)  #: Work of these evaluations.
+    until: float = np.inf  #: When the time is over, by `time.monotonic`.
+
+    def begin(self) -> None:
+        """Raise `OutOfTime` if the time is over; every evaluation and every run begins with this."""
+        if time.monotonic() > self.until:
+            raise OutOfTime
 
 
 #: Relative change of a solution below which it repeats before its end.

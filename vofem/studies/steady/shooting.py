@@ -228,6 +228,7 @@ class Shooting(OrbitProblem):
         `status`: of the contacts there; by default it follows from the state.
         Raises `ConvergenceError` if contacts chatter or the motion diverges.
         """
+        self.work.begin()
         self.work.flows += not check
         self.work.checks += check
         z, v = self.to_modes(unknowns)

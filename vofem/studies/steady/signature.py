@@ -547,6 +547,7 @@ class Signature:
             columns[:, :n] = problem.modal(np.eye(n))
             lengthen[:k, n:m] = np.eye(k) / omega
             lengthen[k, n:m] = -1.0 / omega
+        problem.work.begin()
         problem.work.flows += derivative
         path = problem.course.along(
             self.anchor / omega, problem.modal(y[:n]), self.statuses, lengths / omega, columns, lengthen,
