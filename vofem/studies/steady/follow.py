@@ -149,7 +149,8 @@ class Follower:
                 work.until, now = np.inf, self.points[-1]
                 told = f"the limit of {self.seconds:g} s was reached at {now.value:.9g}; raise max_seconds to go on"
                 self._stopped(now, told)
-        work.until = np.inf
+            finally:
+                work.until = np.inf
         self.special.sort(key=lambda mark: mark.place)
         self.counters.points, self.counters.check_flows = len(self.points), self.family.work.checks
         self.counters.eigensolves = self.family.work.runs.eigensolves

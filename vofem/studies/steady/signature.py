@@ -857,14 +857,6 @@ class Signature:
         speeds = evaluation.path.ends[:, n:]
         return {k: float(rows[j] @ speeds[k]) for k, j in enumerate(self.struck) if j >= 0}
 
-    def stuck(self, problem: Shooting) -> str:
-        """Return the name of a slider that sticks all along; "" where there is none."""
-        laws, sliders = problem.system.contacts, problem.course.sliders
-        if laws is None or sliders is None:
-            return ""
-        all_along = np.all(np.array(self.statuses) == PINNED, axis=0)[sliders.first :]
-        return next((laws.names[sliders.first + j] for j in np.flatnonzero(all_along)), "")
-
     def stops(self, problem: Shooting) -> list[Stop]:
         """Return where sliders stop that hold points of contacts; none of those that rest at the anchor."""
         sliders, found = problem.course.sliders, list[Stop]()
