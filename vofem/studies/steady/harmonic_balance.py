@@ -40,7 +40,7 @@ from vofem.studies.steady.law_path import PASSES, LawPaths, nonlinear_groups
 from vofem.studies.steady.linear_rest import FULL, Attached, LinearRest, linear_laws
 from vofem.studies.steady.loads import load_series
 from vofem.studies.steady.near import orbit_near
-from vofem.studies.steady.newton import ROUNDING
+from vofem.studies.steady.newton import ROUNDING, direction
 from vofem.studies.steady.orbit import DECIDED, OrbitSource, OrbitTruncation, PeriodicOrbit
 from vofem.studies.steady.problem import OrbitProblem, Work
 from vofem.studies.steady.shooting import Shooting
@@ -98,10 +98,20 @@ class HarmonicEvaluation:
 
     @cached_property
     def truncation(self) -> OrbitTruncation:
-        """The displacements of the harmonics that are left out, estimated from the force in these harmonics."""
+        """What the harmonics that are left out would change, to first order, themselves among it.
+
+        The force has them. With them the laws answer otherwise, which changes the harmonics that are kept: much more
+        where a law is stiff.
+        """
         problem, h, reach = self.problem, self.problem.harmonics, self.problem.reach
-        beyond = problem.free - np.einsum("kij,jk->ik", problem.compliance, self._forces)
-        left = np.abs(beyond[:, h + 1 :]).sum(axis=1)
+        whole = problem.free - np.einsum("kij,jk->ik", problem.compliance, self._forces)
+        beyond = np.abs(whole[:, h + 1 :]).sum(axis=1)
+        whole[:, : h + 1] = to_complex(self.u.T).T
+        forces = problem.forces(to_real(whole.T).T, h)[0]
+        known = self.jacobian
+        jacobian = known if known.size else problem.jacobian(problem.forces(self.u, h, derivative=True)[1])
+        moved = direction(jacobian, -problem.balanced(self.u, forces)).reshape(self.u.shape)
+        left = beyond + np.abs(to_complex(moved.T)).sum(axis=0)
         size = np.abs(to_complex(self.u.T)).sum(axis=0)
         error = float(np.max(left / np.where(size > 0.0, size, 1.0), initial=0.0))
         what = f"{h} harmonics; those up to {reach} would change displacements by up to {error:.1e} of themselves"
@@ -326,25 +336,32 @@ class HarmonicBalance(OrbitProblem):
         if not np.all(np.isfinite(u)):
             raise ConvergenceError("the iteration diverged: a harmonic is not finite")
         forces, slopes, settled = self.forces(u, h, derivative)
+        jacobian = self.jacobian(slopes) if derivative else np.empty((0, 0))
+        return HarmonicEvaluation(self, u.copy(), self.balanced(u, forces), settled, jacobian)
+
+    def balanced(self, u: Array, forces: Complex) -> Array:
+        """Return what harmonics of coordinates (m, 2H + 1) lack under those of forces (m, H + 1), shape (n,)."""
+        h = self.harmonics
         balance = self.free[:, : h + 1] - np.einsum("kij,jk->ik", self.compliance[: h + 1], forces)
-        residual = u - to_real(balance.T).T
-        jacobian = self._jacobian(slopes) if derivative else np.empty((0, 0))
-        return HarmonicEvaluation(self, u.copy(), residual.ravel(), settled, jacobian)
+        return np.asarray(u - to_real(balance.T).T).ravel()
 
     def forces(self, u: Array, wanted: int, derivative: bool = False) -> tuple[Complex, list[Array], NDArray[np.bool_]]:
-        """Return harmonics of the laws' forces (m, wanted + 1), their slopes, and which laws repeat after a period."""
+        """Return harmonics of the laws' forces (m, wanted + 1), their slopes, and which laws repeat after a period.
+
+        Coordinates u may have more harmonics than the unknowns where no slopes are wanted.
+        """
         m, h = self.laws.size, self.harmonics
         forces = np.zeros((m, wanted + 1), dtype=complex)
         slopes, settled = [], np.ones(m, dtype=bool)
         for j in range(m):
             found = self.laws.along(j, u[j], self.omega, wanted, derivative=derivative)
             forces[j], settled[j] = to_complex(found.force), found.settled
-            forces[j, : h + 1] -= self._held[j] * to_complex(u[j])
+            forces[j, : h + 1] -= self._held[j] * to_complex(u[j])[: h + 1]
             if derivative:
                 slopes.append(found.slope - self._held[j] * np.eye(2 * h + 1))
         return forces, slopes, settled
 
-    def _jacobian(self, slopes: list[Array]) -> Array:
+    def jacobian(self, slopes: list[Array]) -> Array:
         """Return the Jacobian matrix: the identity and the compliance times the laws' slopes."""
         m, h = self.laws.size, self.harmonics
         n = 2 * h + 1
