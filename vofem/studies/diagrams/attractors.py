@@ -132,7 +132,8 @@ def basins(
     if not len(table):
         raise ArgumentError(f"basins: every run failed, the first with: {table.failed[0].error}")
     samples = table["looks"].reshape(-1, *table["looks"].shape[-3:])
-    index, found = _distinct(samples, tolerance * sizes_of(np.moveaxis(samples, 0, 2), np.nanmax(table["period"])))
+    sizes = sizes_of(np.moveaxis(samples, 0, 2), np.array([np.nanmax(table["period"])]))
+    index, found = _distinct(samples, tolerance * sizes)
     counts = np.bincount(index[index >= 0], minlength=len(found))
     ranking = np.argsort(-counts, kind="stable")
     attractors = _named([found[j] for j in ranking], counts[ranking] / index.size)

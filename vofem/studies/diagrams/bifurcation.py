@@ -70,14 +70,16 @@ def first_point(scene: Scene) -> Any:
     return scene.contacts[0].points()[0]
 
 
-def sizes_of(samples: Array, period: float) -> Array:
+def sizes_of(samples: Array, period: Array) -> Array:
     """Return sizes of displacements in m and velocities in m/s for samples, shape (2, n_points, ..., periods).
 
-    The result has the shape (2, n_points, 1). One of both may be zero whenever a sample is taken, so each is at least
+    `period` (shape (k,)): times between two samples in s.
+    The result has the shape (2, n_points, k). One of both may be zero whenever a sample is taken, so each is at least
     as large as in a harmonic motion with the other one.
     """
-    largest, rate = np.nanmax(np.abs(samples).reshape(*samples.shape[:2], -1), axis=2), 2.0 * np.pi / period
-    return np.maximum(largest, np.stack([largest[1] / rate, largest[0] * rate]))[:, :, None]
+    largest = np.nanmax(np.abs(samples).reshape(*samples.shape[:2], -1), axis=2, keepdims=True)
+    rate = 2.0 * np.pi / period
+    return np.maximum(largest, np.stack([largest[1] / rate, largest[0] * rate]))
 
 
 def order_of(samples: Array, tolerance: Array) -> int:
@@ -154,13 +156,9 @@ class BifurcationDiagram:
         """
         choice("BifurcationDiagram: start", start, tuple(self.samples))
         samples, known = self.samples[start], np.where(np.isfinite(self.period), self.period, np.nanmax(self.period))
-        return np.array(
-            [
-                order_of(samples[:, :, k], tolerance * sizes_of(samples, period))
-                for k, period in enumerate(known.tolist())
-            ],
-            dtype=np.int64,
-        )
+        allowed = tolerance * sizes_of(samples, known)[..., None]
+        orders = [order_of(samples[:, :, k], allowed[:, :, k]) for k in range(self.values.size)]
+        return np.array(orders, dtype=np.int64)
 
 
 def bifurcation_diagram(

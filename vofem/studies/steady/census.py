@@ -24,7 +24,7 @@ ON_CIRCLE = 1e-8
 #: Distance from 1 below which the product of two multipliers counts as 1.
 _RECIPROCAL = 1e-12
 
-#: Modulus of a multiplier below which it counts as far inside of the unit circle, wherever it is.
+#: Modulus of a multiplier below which it counts as far inside of the unit circle, wherever it is, and the largest one.
 _FADED, _VAST = 0.05, 1e300
 
 

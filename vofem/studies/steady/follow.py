@@ -115,9 +115,7 @@ class Follower:
 
     def located(self, step: Step, earlier: Step | None) -> list[SpecialPoint]:
         """Return the special points of a step except grazings; `earlier` is the step before it in the same touches."""
-        if self._leaving_another:
-            return []
-        return crossings(self.family, step, earlier, self.notes)
+        return [] if self._leaving_another else crossings(self.family, step, earlier, self.notes)
 
     def begin(self, unknowns: Array, value: float) -> Point:
         """Return the first point, heading for the far end of the interval."""

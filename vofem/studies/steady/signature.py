@@ -193,28 +193,25 @@ class SignatureEvaluation:
         """
         if self.problem.system.contacts is None:
             return []
-        of, tau, u, rates = self._samples
-        rates = rates.copy()
+        moves = (np.array(self.chart.statuses) != PINNED).any(axis=1)
+        segments = np.flatnonzero(moves & (self.path.durations > 0.0))
+        rows = self.problem.space.contacts
+        of, tau, u, rates = self.path.sampled(rows, segments, self._steps(segments, _SEARCHED, _LEAST))
+        slips = self._slips(of, tau, rates)
         # What a slider holds turns where it does, so that rounding has no say.
         for stop in self.chart.stops(self.problem):
             begun = int(np.searchsorted(of, stop.first, side="right"))
             rates[stop.held, max(begun - 1, 0) : begun + 1] = 0.0
-        return sorted([*self.extremes_among(of, tau, u, rates), *self.slips])
+        return sorted([*self.extremes_among(of, tau, u, rates), *slips])
 
-    @cached_property
-    def _samples(self) -> tuple[Integers, Array, Array, Array]:
-        """Segments, times in them, and coordinates and rates of all contacts, where some are not at rest."""
-        moves = (np.array(self.chart.statuses) != PINNED).any(axis=1)
-        segments = np.flatnonzero(moves & (self.path.durations > 0.0))
-        return self.path.sampled(self.problem.space.contacts, segments, self._steps(segments, _SEARCHED, _LEAST))
+    def _slips(self, of: Integers, tau: Array, rates: Array) -> list[Extreme]:
+        """Return the extremes of sliders.
 
-    @cached_property
-    def slips(self) -> list[Extreme]:
-        """The extremes of sliders."""
+        `of`, `tau` (shape (n_times,)), `rates` (n_contacts, n_times): samples of segments in which some contact moves.
+        """
         sliders, path, found = self.problem.course.sliders, self.path, list[Extreme]()
         if sliders is None:
             return found
-        of, tau, _, rates = self._samples
         for segment in np.flatnonzero(path.durations > 0.0).tolist():
             came = self.chart.switches[segment - 1] if segment else None
             mine = slice(*np.searchsorted(of, [segment, segment + 1]))
@@ -583,10 +580,13 @@ class Signature:
 
     def places(self, problem: Shooting) -> Places | None:
         """Return what the places of sliders do that stick all along; None where none does."""
-        sliders, every = problem.course.sliders, np.all(np.array(self.statuses) == PINNED, axis=0)
-        if sliders is None or not every[sliders.first :].any():
+        sliders = problem.course.sliders
+        if sliders is None:
             return None
+        every = np.all(np.array(self.statuses) == PINNED, axis=0)
         every[: sliders.first] = False
+        if not every.any():
+            return None
         kept, rows = problem.course.stuck(self.statuses[0]), problem.space.contacts[every]
         assert kept is not None
         moves = np.linalg.pinv(rows)

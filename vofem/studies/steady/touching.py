@@ -651,7 +651,7 @@ def _outside(
 
 def _nearest(evaluation: Any, mark: Mark) -> Extreme:
     """Return the extreme of a slider that is nearest to a mark."""
-    mine = [e for e in evaluation.slips if e.contact == mark.contact]
+    mine = [e for e in evaluation.extremes if e.contact == mark.contact]
     if not mine:
         raise ConvergenceError("a slider no longer comes near to where it begins to stick or to slide")
     turn = evaluation.chart.turn
