@@ -228,8 +228,7 @@ class Walker:
         if isinstance(self.solution, SlidingSolution):
             before = self.solution.record.last_status
             self._decide(triggered)
-            # One that keeps its status begins anew from rest.
-            self._triggered = self._changed(before) | set(triggered)
+            self._triggered = self._changed(before)
 
     def _pass_contacts(self, entered: dict[int, int]) -> None:
         solution, rigid = self.solution, self._laws.rigid
