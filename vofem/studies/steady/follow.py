@@ -14,15 +14,15 @@ from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.integrators.observer import deferred_interrupts
 from vofem.progress import Progress, TerminalBar
-from vofem.studies.steady.between import Step, interpolated, steady
+from vofem.studies.steady.between import Step, interpolated, point_between, steady
 from vofem.studies.steady.branch import BranchCounters
 from vofem.studies.steady.crossings import SHORTER, crossings, hidden_beside
 from vofem.studies.steady.family import Family, Interval
-from vofem.studies.steady.near import signature_at
+from vofem.studies.steady.near import polished, signature_at
 from vofem.studies.steady.point import ORIGIN, Point, corrected, level, point_at, scales_of
 from vofem.studies.steady.problem import OutOfTime
 from vofem.studies.steady.shooting import Shooting
-from vofem.studies.steady.signature import Signature
+from vofem.studies.steady.signature import Signature, signature_of
 from vofem.studies.steady.special import SpecialPoint, special_at
 from vofem.studies.steady.touching import Passage, ending, passage, resting, what_contacts_do
 
@@ -61,6 +61,12 @@ _SHRINK, _GROW = 0.4, 2.0
 #: Number of points from which on it is checked whether a branch is closed.
 _LOOP = 12
 
+#: Distance, as a share of the interval, within which impacts become infinitely many at one place.
+_BESIDE = 1e-3
+
+#: Distance of a closed branch from its first orbit, as a share of its last step, and how often it is looked for there.
+_THROUGH, _REFINED = 0.01, 3
+
 #: Share of the last step of a closed branch before its first orbit in which a special point is that of this orbit.
 _AGAIN = 1e-2
 
@@ -91,6 +97,8 @@ class Follower:
     _leaving_another: bool = field(default=False, init=False)
     _begun: int = field(default=0, init=False)
     _why: str = field(default="", init=False)
+    #: Where impacts were told to become infinitely many.
+    _accumulated: float = field(default=np.inf, init=False)
     #: The point from which the end of touches was looked for last, and what was found.
     _ahead: tuple[Point | None, Passage | None] = field(default=(None, None), init=False)
 
@@ -246,7 +254,7 @@ class Follower:
         if self._over or self._closed(now, after):
             return after, step
         factor = float(np.clip(_AIM / max(angle, 1e-3), 0.5, _GROW))
-        return self._recentred(after), min(step * factor, self.largest)
+        return self._settled(self._recentred(after)), min(step * factor, self.largest)
 
     def _ending(self, now: Point, step: float) -> tuple[Point, float] | None:
         """Pass what no step reaches: a grazing at which several touches end, or touches that turn into a rest."""
@@ -265,6 +273,15 @@ class Follower:
         if step > _SHORT and self._before(now, passed)[1]:
             self._why = " (the branch turns too far in one step)"
             return None
+        laws, changed = now.problem.system.contacts, passed.at.chart.impacts ^ now.chart.impacts
+        near = abs(passed.at.value - self._accumulated) <= _BESIDE * self.family.interval.size
+        if changed and not passed.grazed and not near and laws is not None:
+            self._accumulated = passed.at.value
+            names = " and ".join(sorted({repr(laws.names[contact]) for contact, _ in changed}))
+            self.notes.append(
+                f"near {passed.at.value:.9g} impacts on {names} become infinitely many, and on one side bodies bounce "
+                "until they rest. Special points accumulate there, and the nearest ones are not listed"
+            )
         return self._passed(now, passed, step)
 
     @staticmethod
@@ -316,6 +333,20 @@ class Follower:
         evaluation = chart.evaluate(now.problem, y[:-1], near=begins)
         scales = scales_of(self.family, chart, now.problem, evaluation)
         return point_at(self.family, chart, y, towards / scales, evaluation)
+
+    def _settled(self, now: Point) -> Point:
+        """Return a point at which bodies rest at rigid stops after as many bounces as an ordinary run needs there."""
+        chart, problem, n = now.chart, now.problem, now.problem.size
+        if not isinstance(chart, Signature) or not chart.unsettled(problem, now.evaluation):
+            return now
+        new, y = signature_of(problem, chart.flow(problem, now.y[:-1]))
+        found = polished(new.evaluate(problem, y))
+        if found is None or not found.repeats:
+            return now
+        scales = scales_of(self.family, new, problem, found)
+        towards = np.zeros(scales.size)
+        towards[:n], towards[-1] = now.tangent[:n], now.tangent[-1]
+        return point_at(self.family, new, np.append(found.y, now.value), towards, found, scales=scales)
 
     def _earlier(self, now: Point) -> tuple[Array, Array, float] | None:
         """Return the point before the last one, its tangent, both in scaled coordinates, and its distance."""
@@ -424,6 +455,15 @@ class Follower:
         if not 0.0 <= share <= 1.0 or np.linalg.norm(start - here - share * step) > 0.1 * np.linalg.norm(step):
             return False
         if step @ (place(points[1]) - start) <= 0.0:
+            return False
+        # States at t = 0 may come close to the first one by chance, but the branch itself goes through it.
+        for _ in range(_REFINED):
+            left = start - place(point_between(self.family, Step(now, after), share))
+            along = float(left @ step / (step @ step))
+            if np.linalg.norm(left - along * step) <= _THROUGH * np.linalg.norm(step):
+                break
+            share = min(max(share + along, 0.0), 1.0)
+        else:
             return False
         self._over = True
         # The points beyond the first orbit are the beginning of the branch again.

@@ -38,8 +38,9 @@ from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.extremes import Extreme, least_rate, peak, turning_points
 from vofem.studies.steady.newton import direction
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
+from vofem.studies.steady.settling import SETTLES, bounces, bounces_of, settled
 from vofem.studies.steady.shooting import CLOSES, FREE, Shooting, relative, share
-from vofem.system import CLOSED, PINNED
+from vofem.system import CLOSED, OPEN, PINNED
 
 #: Steps of an orbit from which its range is refined, and among which extremes of gap functions are searched, and those
 #: of forces of sliders; and the least numbers in a segment. A stiff contact rebounds quickly.
@@ -71,6 +72,9 @@ AT_ONCE = 1e-9
 
 #: Difference of phases, over the orbit, up to which a switch of a flow is one of the signature.
 _SAME = 1e-5
+
+#: Factor by which an impact may be faster or slower than that in which a body comes to rest.
+_ALLOWED = 2.0
 
 #: Rounding of the unknowns, as a share of them, and signs with which it is tried.
 _DIGITS, _SIGNS = 1e-15, ((1.0, -1.0), (1.0, 1.0, -1.0), (-1.0, 1.0, 1.0, 1.0, -1.0))
@@ -398,7 +402,8 @@ class SignatureEvaluation:
             raise ConvergenceError("the derivative of an orbit is not finite")
         if self.chart.smooth(self.problem) or not switches.size:
             return np.asarray(matrix)
-        if min(self.chart.approaches(self.problem, self).values(), default=np.inf) * _SINGULAR <= self.sizes[1]:
+        speeds = self.chart.approaches(self.problem, self).items()
+        if min((v for k, v in speeds if k not in self.chart.settling), default=np.inf) * _SINGULAR <= self.sizes[1]:
             return None
         norms = np.linalg.norm(switches[:, n:], axis=1)
         if not norms.all() or np.linalg.cond(switches[:, n:] / norms[:, None]) >= _SINGULAR:
@@ -706,10 +711,10 @@ class Signature:
         derived[again] = path.mean_rows[again, contacts[again]]
         sizes[again] = norms[again] * path.sizes[1]
         for index in again.tolist():
-            partner = self.partners[index]
-            assert partner is not None
-            if partner < index - 1:
-                values[index], derived[index] = _mean(path, int(contacts[index]), partner, index)
+            since = self._since[index]
+            assert since is not None
+            if since < index - 1:
+                values[index], derived[index] = _mean(path, int(contacts[index]), since, index)
         for index, (contact, status) in enumerate(self.switches):
             before = self.statuses[index][contact]
             if before == PINNED:
@@ -730,9 +735,44 @@ class Signature:
         return np.array([contact for contact, _ in self.switches], dtype=np.int64)
 
     @cached_property
+    def _since(self) -> list[int | None]:
+        """For every switch the one since which its coordinate has changed as much as nothing, if there is one."""
+        found, latest = list(self.partners), dict[int, int]()
+        for k, (contact, status) in enumerate(self.switches):
+            before = latest.get(contact, k)
+            if self.struck[before] >= 0 and before < k and (self.struck[k] >= 0 or status == PINNED):
+                # The time between two bounces may be as short as it likes.
+                found[k] = before
+            latest[contact] = k
+        return found
+
+    @cached_property
     def _again(self) -> NDArray[np.int64]:
-        """Numbers of the switches of contacts that have switched before."""
-        return np.array([k for k, partner in enumerate(self.partners) if partner is not None], dtype=np.int64)
+        """Numbers of the switches whose coordinates have changed as much as nothing since an earlier one."""
+        return np.array([k for k, since in enumerate(self._since) if since is not None], dtype=np.int64)
+
+    @cached_property
+    def settling(self) -> set[int]:
+        """The impacts with which bodies bounce until they rest, by their numbers."""
+        statuses = (int(status[s.contact]) for status, s in zip(self.statuses, self.switches, strict=False))
+        return bounces([(s.contact, before, s.status) for s, before in zip(self.switches, statuses, strict=True)])
+
+    @cached_property
+    def leaves(self) -> list[tuple[int, int]]:
+        """Pairs of switches between which something that rested at a contact leaves it, and comes back."""
+        found, latest = [], dict[int, int]()
+        for k, (contact, status) in enumerate(self.switches):
+            if contact in latest:
+                found.append((latest.pop(contact), k))
+            if self.statuses[k][contact] == PINNED and status == OPEN:
+                latest[contact] = k
+        return found
+
+    @property
+    def impacts(self) -> set[tuple[int, int]]:
+        """Rigid stops and the numbers of their impacts, but for those with which bodies bounce until they rest."""
+        mine = [j for k, j in enumerate(self.struck) if j >= 0 and k not in self.settling]
+        return {(j, mine.count(j)) for j in mine}
 
     def _let_go(self, problem: Shooting, path: Path, index: int) -> bool:
         """Return whether a pinned contact is released at once because a switch before it lets its reaction jump."""
@@ -838,9 +878,11 @@ class Signature:
         phases, omega = self.phases(y), self.turn / (flow.stop - flow.start.time)
         later = [self.anchor + (e.time * omega - self.anchor) % self.turn for e in flow.events]
         found = sorted(zip(later, flow.events, strict=True), key=itemgetter(0))
+        bouncing = bounces_of([event for _, event in found])
         for contact in range(len(self.start)):
-            mine = [(p, s.status) for p, s in zip(phases, self.switches, strict=True) if s.contact == contact]
-            seen = [(p, e.after) for p, e in found if e.contact == contact]
+            own = [k for k, s in enumerate(self.switches) if s.contact == contact and k not in self.settling]
+            mine = [(phases[k], self.switches[k].status) for k in own]
+            seen = [(p, e.after) for k, (p, e) in enumerate(found) if e.contact == contact and k not in bouncing]
             if [status for _, status in mine] == [status for _, status in seen]:
                 continue
             if not mine and _one_way({self.start[contact], *(status for _, status in seen)}):
@@ -856,6 +898,26 @@ class Signature:
         rows, n = problem.space.contacts, problem.size // 2
         speeds = evaluation.path.ends[:, n:]
         return {k: float(rows[j] @ speeds[k]) for k, j in enumerate(self.struck) if j >= 0}
+
+    def unsettled(self, problem: Shooting, evaluation: SignatureEvaluation) -> bool:
+        """Return whether bodies rest after impacts that have become too fast for that, or much slower than needed."""
+        laws, rows, n = problem.system.contacts, problem.space.contacts, problem.size // 2
+        if laws is None or not laws.rigid.any():
+            return False
+        fastest, latest = dict[int, float](), dict[int, float]()
+        rests = list[tuple[int, float, float]]()
+        for k, (contact, status) in enumerate(self.switches):
+            if not laws.rigid[contact] or self.statuses[k][contact] == PINNED:
+                continue
+            speed = float(rows[contact] @ evaluation.path.ends[k, n:])
+            fastest[contact] = max(speed, fastest.get(contact, 0.0))
+            if status == PINNED and laws.restitution[contact] > 0.0:
+                rests.append((contact, speed, latest.get(contact, np.inf)))
+            latest[contact] = speed if k in self.settling else np.inf
+        return any(
+            last > _ALLOWED * SETTLES * fastest[j] or before < SETTLES * fastest[j] / _ALLOWED
+            for j, last, before in rests
+        )
 
     def stops(self, problem: Shooting) -> list[Stop]:
         """Return where sliders stop that hold points of contacts; none of those that rest at the anchor."""
@@ -878,6 +940,7 @@ class Signature:
         """Return the extreme at the first touch of a flow that is none of the signature's, found however short."""
         problem, y = evaluation.problem, evaluation.y
         sliders, omega, phases = problem.course.sliders, problem.loads.omega, self.phases(y)
+        bouncing = bounces_of(flow.events)
         left = list(zip(phases.tolist(), self.switches, strict=True))
         for index, event in enumerate(flow.events):
             phase = event.time * omega
@@ -889,7 +952,7 @@ class Signature:
             if same:
                 left.remove(same[0])
                 continue
-            if sliders is not None and event.contact >= sliders.first:
+            if (sliders is not None and event.contact >= sliders.first) or index in bouncing:
                 continue
             later = [e.time * omega for e in flow.events[index + 1 :] if e.contact == event.contact]
             segment = int(np.searchsorted(phases, phase))
@@ -1090,7 +1153,7 @@ def signature_of(problem: Shooting, flow: Flow) -> tuple[Signature, Array]:
     }
     stuck = [j for j, own in statuses.items() if _one_way(own)]
     start = tuple(PINNED if j in stuck else int(s) for j, s in enumerate(segments.status[0]))
-    events = [(e.time * omega, Switch(e.contact, e.after)) for e in flow.events if e.contact not in stuck]
+    events = [(e.time * omega, Switch(e.contact, e.after)) for e in settled(flow) if e.contact not in stuck]
     anchor = flow.start.time * omega
     lengths = np.diff([anchor, *(time for time, _ in events)])
     new = Signature(start, tuple(switch for _, switch in events), anchor, problem.periods)

@@ -294,6 +294,6 @@ def _tried(problem: Shooting, x: Array, change: float, sizes: tuple[float, float
     leading = float(size.max()) if size.size else 0.0
     if leading > 1.0 + 1e-9:
         return None
-    # The slowest multiplier determines how many times the change over an orbit remains.
-    reach = _FAR * change / max(1.0 - leading, 1e-2)
+    # The slowest multiplier determines how many times the change over an orbit remains; what rests does not change.
+    reach = max(_FAR * change / max(1.0 - leading, 1e-2), CLOSES)
     return found if relative(found.unknowns - x, sizes) <= reach else None

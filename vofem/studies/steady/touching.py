@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from itertools import zip_longest
+from itertools import pairwise, zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -85,6 +85,9 @@ _MOST = 8
 #: of touches above which a contact may chatter.
 _CLOSE, _SEQUENCE = 1e-4, 3
 
+#: Length in rad of a rest at a rigid stop that is about to end.
+_BRIEF = 0.02
+
 #: How many orbits inside a step are looked at where a change may hide.
 _LOOKS = 6
 
@@ -99,6 +102,9 @@ _BESIDE_GAP, _FARTHER = 1e-6, 0.1
 #: Distance in scaled coordinates of orbits that rest at a gap after different numbers of touches, and least cosine of
 #: the angle between their branches.
 _RESTS, _STRAIGHT = 1e-4, 0.9
+
+#: Kinds of contacts that may come to rest at their gaps; see `_law`.
+_RESTING = ("jump", "impact")
 
 #: Step in scaled coordinates by which heights, speeds and reactions are differentiated.
 _DIFFERENCE = 1e-6
@@ -160,6 +166,8 @@ def passage(family: Family, now: Point, after: Point) -> Passage | None:
     lengths = chart.lengths(after.y[:-1])
     if min(lengths[0], lengths[-1]) <= 0.0:
         raise ConvergenceError("a switch passed the phase at which the state is an unknown")
+    if any(float(lengths[p + 1 : k + 1].sum()) <= 0.0 for p, k in chart.leaves):
+        raise ConvergenceError("a body came back to a rigid stop before it left it")
     changes = _changes(now, after)
     if not changes and not after.evaluation.repeats:
         away = after.evaluation.closing
@@ -356,8 +364,9 @@ def resting(family: Family, now: Point, guess: Array) -> Passage | None:
     """Return the orbit at a guess ahead with the switches of an ordinary run there, of which some are rests at a gap.
 
     Under the displacement law touches become shorter without end, and a run lets a contact rest after some of them.
-    Where their number changes, the orbits on both sides differ by less than such a touch does. None where no contact
-    rests, where another contact touches, and where the orbit belongs to another branch.
+    Where their number changes, the orbits on both sides differ by less than such a touch does. So they do where a body
+    that rests at a rigid stop begins to leave it for a moment. None where no contact rests, where another contact
+    touches, and where the orbit belongs to another branch.
     """
     chart, problem, n = now.chart, family.of(guess), now.problem.size
     new, y, found = chart, guess[:-1], None
@@ -367,7 +376,7 @@ def resting(family: Family, now: Point, guess: Array) -> Passage | None:
         old = new.switches
         new, y = signature_of(problem, new.flow(problem, y))
         every = [chart.switches, new.switches]
-        rests = any(s.status == PINNED and _law(problem, s.contact) == "jump" for one in every for s in one)
+        rests = any(s.status == PINNED and _law(problem, s.contact) in _RESTING for one in every for s in one)
         touching = [{s.contact for s in one} for one in every]
         if not rests or new.switches == old or touching[0] != touching[1]:
             return None
@@ -757,7 +766,7 @@ def _begun(
     begins = chart.begins_of(known, (), added)
     chart, y, numbers = chart.edited(y, (), added)
     begun = [(numbers[first], numbers[last] + later) for first, last, later in ends]
-    return chart, y, begins, [_Begun(p, k) if p == k else _lasting(problem, chart, p, k) for p, k in begun]
+    return chart, y, begins, [_lasting(problem, chart, p, k) for p, k in begun]
 
 
 def _slip(known: Any, chart: Signature, phases: Array, mark: Mark) -> list[tuple[int, float, Switch]]:
@@ -780,7 +789,9 @@ def _slip(known: Any, chart: Signature, phases: Array, mark: Mark) -> list[tuple
 
 
 def _lasting(problem: Any, chart: Signature, first: int, last: int) -> _Begun:
-    """Return a touch or stick that has begun; a slider may stop in a touch, which lasts before and after its stop."""
+    """Return what has begun; a slider may stop in a touch, which lasts before and after its stop."""
+    if first == last:
+        return _Begun(first, last)
     stop = next((one for one in chart.stops(problem) if first < one.first < last), None)
     return _Begun(first, last, ((first + last + 1) // 2,) if stop is None else (stop.first, stop.last + 1))
 
@@ -885,7 +896,13 @@ def what_contacts_do(point: Point) -> str:
         count, shortest, what = _short_touches(point, contact)
         touches = f"{what} at {{}}{', the shortest' if count > 1 else ''} for {shortest:.2g} rad of the load"
         near = min((-e.height for e in point.evaluation.extremes if e.contact == contact), default=np.inf)
+        rest = _shortest_rest(point, contact)
         for rank, (holds, told) in enumerate((
+            (
+                kind == "impact" and rest < _BRIEF,
+                f"{{}} resting for {rest:.2g} rad of the load only; its impacts become infinitely many where it no "
+                "longer comes to rest",
+            ),
             (kind != "stick" and any(rests), "{} resting at the gap for a part of it"),
             (kind == "jump" and count > _SEQUENCE, touches + ": where a force jumps they may become infinitely many"),
             (hits > _SEQUENCE, f"{hits} impacts on {{}}, which may become infinitely many"),
@@ -900,6 +917,14 @@ def what_contacts_do(point: Point) -> str:
     first = min(found, default=(0, ""))[0]
     parts = [told.format(" and ".join(names)) for (rank, told), names in found.items() if rank == first]
     return "; the orbit there has " + ", and ".join(parts) if parts else ""
+
+
+def _shortest_rest(point: Point, contact: int) -> float:
+    """Return the shortest time in rad of the load for which something rests at a rigid stop."""
+    chart, lengths = point.chart, point.chart.lengths(point.y[:-1])
+    mine = [k for k, (j, _) in enumerate(chart.switches) if j == contact]
+    rests = ((p, k) for p, k in pairwise(mine) if chart.switches[p].status == PINNED)
+    return min((float(lengths[p + 1 : k + 1].sum()) for p, k in rests), default=np.inf)
 
 
 def _short_touches(point: Point, contact: int) -> tuple[int, float, str]:
