@@ -380,3 +380,27 @@ def test_units_of_numbers_are_those_of_their_loads() -> None:
              (force, "f.function.amplitude", "N"), (force, "f.factor", ""), (beam, "EI", "N m^2"))  # fmt: skip
     for target, field, unit in cases:
         assert vf.Parameter(target, field).unit(scene) == unit
+
+
+def test_a_length_and_a_place_on_it_are_fitted_in_either_order() -> None:
+    times, true, h = np.linspace(0.01, 0.3, 30), (1.01, 0.72), 1e-6
+
+    def scene_of(length: float, x: float) -> vf.Scene:
+        beam = vf.Beam(length, EI=70.0, rhoA=0.5, elements=3, supports={"left": "clamped"}, name="beam")
+        stop = vf.Contact(beam.at(x), gap=0.002, stiffness=3e3, side="below", acts_on="penetration", name="stop")
+        return vf.Scene([beam], [stop, vf.PointLoad(beam.at("right"), vf.Sine(4.0, 30.0))])
+
+    def tip(length: float, x: float) -> np.ndarray:
+        scene = scene_of(length, x)
+        return vf.simulate(scene, 0.3, times=times, method="event_driven").displacement(scene.bodies[0].at("right"))
+
+    slopes = np.array([tip(1.01 + h, 0.72) - tip(1.01 - h, 0.72), tip(1.01, 0.72 + h) - tip(1.01, 0.72 - h)]) / (2 * h)
+    covariance = 1e-10 * np.linalg.inv(slopes @ slopes.T)
+    scene = scene_of(1.0, 0.7)
+    data = vf.Measured(scene.bodies[0].at("right"), times, tip(*true), 1e-5)
+    parameters = [vf.Parameter("beam", "length"), vf.Parameter("stop", "x")]
+    for order in ([0, 1], [1, 0]):
+        fit = vf.fit(scene, [parameters[k] for k in order], data)
+        assert np.allclose(fit.values, np.array(true)[order], rtol=1e-8)
+        assert np.allclose(fit.values, [one.value(fit.scene) for one in fit.parameters], rtol=1e-14)
+        assert np.allclose(fit.covariance, covariance[np.ix_(order, order)], rtol=1e-5)

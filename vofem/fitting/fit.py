@@ -20,6 +20,7 @@ from vofem.parameters.kinds import Either
 from vofem.parameters.place import found
 from vofem.scene import Scene, as_scene
 from vofem.sensitivities import Parameter
+from vofem.sensitivities.change import PLACES
 from vofem.sensitivities.parameter import parameters_of
 
 #: Relative changes of the sum of squares and of the unknowns, and size of the gradient, at which a fit ends.
@@ -199,6 +200,9 @@ class _Problem:
             )
         self.end = float(max((one.times[-1] for one in data if one.times is not None), default=0.0))
         self.bounds = self._bounds()
+        #: Numbers of pairs of parameters, a length and a place: a length moves all places on its beam.
+        self._moved = [(k, j) for k, one in enumerate(parameters) for j, other in enumerate(parameters)
+                       if one.field == "length" and other.field in PLACES]  # fmt: skip
         self.runs = 0
         self._known: dict[tuple[bytes, float], tuple[Trial, Array]] = {}
 
@@ -220,9 +224,11 @@ class _Problem:
         return low, high
 
     def scene_of(self, x: Array) -> Scene:
-        """Return the scene with trial values."""
+        """Return the scene with trial values, lengths before the places that they move."""
         scene = self.scene
-        for parameter, value in zip(self.parameters, x, strict=False):
+        for parameter, value in sorted(
+            zip(self.parameters, x, strict=False), key=lambda pair: pair[0].field != "length"
+        ):
             scene = parameter.carried(self.scene, scene).at(scene, float(value))
         return scene
 
@@ -266,6 +272,12 @@ class _Problem:
             if k in self.with_offset:
                 found[row : row + part.shape[0], p + self.with_offset.index(k)] = 1.0
             row += part.shape[0]
+        # The derivative by a length moves places on its beam; a place that is a parameter too keeps its value.
+        for k, j in self._moved:
+            place, length = trial.parameters[j], trial.parameters[k]
+            longer = length.changed(trial.scene, x[k])
+            moved = place.carried(trial.scene, longer).value(longer) - x[j]
+            found[:, k] -= found[:, j] * moved / x[k]
         return found * self.weights(until)[:, None]
 
     def solve(self, x: Array, until: float, tolerance: float) -> _Solved:
@@ -399,7 +411,8 @@ def fit(
     -----
     With noise given, the covariance is ``(J'J)^-1`` of the Jacobian over the noise. Otherwise the variance of the noise
     is estimated from the residuals. Data in several units, such as m and Hz, need their noise. A parameter on which the
-    data do not depend keeps its value and is named in `Fit.not_identifiable`. The optimiser is
+    data do not depend keeps its value and is named in `Fit.not_identifiable`. Derivatives by the length of a beam move
+    the places on it in proportion, except for those that are parameters too. The optimiser is
     `scipy.optimize.least_squares`.
     """
     as_scene("fit", scene)
