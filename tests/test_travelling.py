@@ -164,6 +164,23 @@ def test_what_cannot_travel_is_refused_by_name():
         vf.Path(1.0, begin=-1.0)
 
 
+@pytest.mark.parametrize("field", ["x", "point.x"])
+def test_the_place_of_what_travels_is_no_parameter(field):
+    beam = vf.Beam(2.0, EI=50.0, rhoA=1.0, elements=4, supports=ENDS, name="beam")
+    load = vf.PointLoad(beam.along(vf.Path(1.0)), -4.0)
+    scene, parameter = vf.Scene([beam], [load]), vf.Parameter(load, field)
+    for refused in (
+        lambda: parameter.check(scene),
+        lambda: parameter.value(scene),
+        lambda: parameter.at(scene, 0.1),
+        lambda: vf.fit(scene, parameter, vf.Measured(beam.at(1.0), [0.1, 0.2], [0.0, 0.0])),
+    ):
+        with pytest.raises(vf.ArgumentError, match=rf"'{field}' is not the place .* travels along the beam"):
+            refused()
+    with pytest.raises(vf.ArgumentError, match=r"there are \['f\.value'\]"):
+        vf.Parameter(load, "place").check(scene)
+
+
 def test_times_at_which_a_path_passes_places():
     path = vf.Path(2.0, start=1.0, begin=0.5, acceleration=-1.0)
     # x = 1 + 2 s - s^2/2 turns at s = 2, x = 3.

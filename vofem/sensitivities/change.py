@@ -11,6 +11,7 @@ import numpy as np
 from vofem._validate import nearest
 from vofem.bodies.base import Body, Point, touching
 from vofem.bodies.beam import Beam
+from vofem.bodies.path import TravellingPoint
 from vofem.errors import ArgumentError
 from vofem.parameters import changed
 from vofem.scene import Scene
@@ -72,8 +73,8 @@ def _unknown(thing: Any, field: str) -> ArgumentError:
         if (value := _function(thing, name)) is not None:
             known += [f"{name}.{part}" for kind, parts in _OF_FUNCTIONS.items() if isinstance(value, kind)
                       for part in parts]  # fmt: skip
-    if any(_is_along(value) for value in vars(thing).values()):
-        known.append("x")
+    points = _points(thing)
+    known += ["x"] if len(points) == 1 else [f"{name}.x" for name in points]
     return ArgumentError(
         f"{thing.describe()}: there is no number {field!r} by which to differentiate{nearest(field, tuple(known))}; "
         f"there are {known}"
@@ -142,19 +143,22 @@ def with_function(function: Any, path: tuple[str, ...], change: Any) -> Any:
 # -- places and initial states ------------------------------------------------------------------------
 
 
-def _is_along(value: Any) -> bool:
-    """Return whether a value is a point along a body, which a mass as its own point is not."""
-    return isinstance(value, Point) and not isinstance(value, Body)
+def _points(thing: Any) -> list[str]:
+    """Return the attributes that are points at rest on a beam; a mass, which is its own point, is none."""
+    return [name for name, value in vars(thing).items()
+            if isinstance(value, Point) and not isinstance(value, (Body, TravellingPoint))]  # fmt: skip
 
 
 def point_of(thing: Any, field: str) -> str:
     """Return the attribute that holds the point on a beam that a field such as "x" means."""
-    points = [name for name, value in vars(thing).items() if _is_along(value)]
+    points = _points(thing)
     first = field.partition(".")[0]
     if first != "x" and first in points:
         return first
     if first != "x" or len(points) != 1:
-        why = "it has no point on a beam" if not points else f"it has several; write {points[0]}.x or {points[-1]}.x"
+        why = "there is " + (" or ".join(f"{name}.x" for name in points) or "no point on a beam")
+        if any(isinstance(value, TravellingPoint) for value in vars(thing).values()):
+            why = "the point travels along the beam; give its path another start in the scene"
         raise ArgumentError(f"{thing.describe()}: {field!r} is not the place of one point, because {why}")
     return points[0]
 
