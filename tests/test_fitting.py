@@ -263,6 +263,16 @@ def test_parameters_given_twice_and_data_at_the_start_alone_are_refused() -> Non
     data = vf.Measured(body, np.linspace(0.0, 1.0, 11), np.zeros(11), 0.1)
     with pytest.raises(vf.ArgumentError, match=r"holds stop\.gap more than once"):
         vf.fit(start, [vf.Parameter("stop", "gap"), vf.Parameter(start.effects[0], "gap")], data)
+    beam = vf.Beam(1.0, EI=5.0, rhoA=1.0, elements=3, supports={"left": "clamped"}, name="beam")
+    load = vf.PointLoad(beam.at(1.0), 1.0)
+    for one, other in (
+        (vf.Parameter(beam, "EI"), vf.Parameter(beam, "EI", element=1)),
+        (vf.Parameter(load, "f"), vf.Parameter(load, "f.value")),
+        (vf.Parameter(load, "x"), vf.Parameter(load, "point.x")),
+    ):
+        for pair in ([one, other], [other, one]):
+            with pytest.raises(vf.ArgumentError, match="more than once, also within"):
+                vf.fit(vf.Scene([beam], [load]), pair, vf.Measured(beam.at(1.0), [0.1, 0.2], [0.0, 0.0]))
     with pytest.raises(vf.ArgumentError, match="all data lie at t = 0"):
         vf.fit(start, vf.Parameter("stop", "gap"), vf.Measured(body, np.zeros(1), np.zeros(1), 0.1))
 

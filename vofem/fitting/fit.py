@@ -12,6 +12,7 @@ import numpy as np
 from vofem._validate import listed, number, whole, wrong
 from vofem.arrays import Array
 from vofem.blas import one_thread
+from vofem.bodies.beam import Beam
 from vofem.cards import Saved
 from vofem.errors import ArgumentError, ConvergenceError, VofemError
 from vofem.fitting.measured import Data, Trial
@@ -20,7 +21,7 @@ from vofem.parameters.kinds import Either
 from vofem.parameters.place import found
 from vofem.scene import Scene, as_scene
 from vofem.sensitivities import Parameter
-from vofem.sensitivities.change import PLACES
+from vofem.sensitivities.change import PLACES, path_of
 from vofem.sensitivities.parameter import parameters_of
 
 #: Relative changes of the sum of squares and of the unknowns, and size of the gradient, at which a fit ends.
@@ -357,14 +358,19 @@ def _covariance(solved: _Solved, p: int, known: bool) -> tuple[Array, list[int]]
 
 def _check_once(parameters: Sequence[Parameter], scene: Scene) -> None:
     """Raise where two parameters are one number."""
-    seen = set[tuple[int, str, int | None]]()
+    seen: dict[Any, str] = {}
     for one in parameters:
-        places = {(id(thing), one.field, k) for thing in one.found(scene) for k in one.elements or (None,)}
-        if places & seen:
-            raise ArgumentError(
-                f"fit: parameters holds {one.name} more than once, so that no data tell the two apart; give it once"
-            )
-        seen |= places
+        for thing in one.found(scene):
+            every = range(thing.element_lengths.size) if isinstance(thing, Beam) else (None,)
+            places = [(id(thing), path_of(thing, one.field), k) for k in one.elements or every]
+            other = next((seen[place] for place in places if place in seen), None)
+            if other is not None:
+                also = "" if other == one.name else f", also within {other}"
+                raise ArgumentError(
+                    f"fit: parameters holds {one.name} more than once{also}, so that no data tell the two apart; give "
+                    "it once"
+                )
+            seen.update(dict.fromkeys(places, one.name))
 
 
 @one_thread

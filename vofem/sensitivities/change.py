@@ -163,6 +163,14 @@ def point_of(thing: Any, field: str) -> str:
     return points[0]
 
 
+def path_of(thing: Any, field: str) -> tuple[str, ...]:
+    """Return the path of the number that a field means, the same for all names of it, such as "x" and "point.x"."""
+    if field in PLACES:
+        return point_of(thing, field), "x"
+    known = function_at(thing, field)
+    return (field,) if known is None else (known[0], *known[3])
+
+
 def initial_pair(scene: Scene, body: Any) -> tuple[float, float]:
     """Return displacement and velocity of a body with one degree of freedom at t = 0."""
     if not isinstance(body, Body) or body.size != 1:
