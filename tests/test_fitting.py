@@ -378,6 +378,24 @@ def test_what_a_number_may_be_is_its_bound() -> None:
     assert fit.notes == ["bound: stop.restitution lies at a bound, 1"]
 
 
+def test_no_linked_number_and_no_place_leaves_its_range() -> None:
+    masses = [vf.Mass(1.0, stiffness=k, name=name) for k, name in ((50.0, "a"), (10.0, "b"))]
+    pushed = vf.Scene(masses, [vf.PointLoad(masses[0], 1.0)])
+    beam = vf.Beam(1.0, EI=[5.0, 1.0], rhoA=1.0, elements=2, supports={"left": "clamped"}, name="beam")
+    load = vf.PointLoad(beam.at(0.9), 1.0)
+    bent, tip = vf.Scene([beam], [load]), beam.at(1.0)
+    least = vf.Parameter(beam, "EI").at(bent, 4.001)
+    below = vf.equilibrium(least, 0.0).displacement(least.bodies[0].at(1.0))
+    for scene, parameter, point, value, expected in (
+        (pushed, vf.Parameter(["a", "b"], "stiffness"), masses[0], 1.0 / 30.0, 40.0),
+        (bent, vf.Parameter(load, "x"), tip, 2.0 * vf.equilibrium(bent, 0.0).displacement(tip), 1.0),
+        (bent, vf.Parameter(beam, "EI"), tip, below, 4.001),
+    ):
+        fit = vf.fit(scene, parameter, vf.MeasuredStatics(point, [0.0], [value], 1e-3))
+        assert fit.values[0] == pytest.approx(expected, rel=1e-6)
+        assert fit.notes == ([f"bound: {parameter.name} lies at a bound, {expected:g}"] if expected != 4.001 else [])
+
+
 def test_units_of_numbers_are_those_of_their_loads() -> None:
     beam = vf.Beam(1.0, 1.0, 1.0, 2, {"left": "clamped"})
     moment, line = (

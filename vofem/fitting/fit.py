@@ -16,8 +16,6 @@ from vofem.bodies.beam import Beam
 from vofem.cards import Saved
 from vofem.errors import ArgumentError, ConvergenceError, VofemError
 from vofem.fitting.measured import Data, Trial
-from vofem.parameters import Real
-from vofem.parameters.kinds import Either
 from vofem.parameters.place import found
 from vofem.scene import Scene, as_scene
 from vofem.sensitivities import Parameter
@@ -210,11 +208,12 @@ class _Problem:
     def _bounds(self) -> tuple[Array, Array]:
         low, high = np.array([parameter.bounds for parameter in self.parameters]).T.copy()
         for k, (parameter, first) in enumerate(zip(self.parameters, self.first.tolist(), strict=True)):
-            kind = parameter.kind(self.scene)
-            kind = kind.forms()[0] if isinstance(kind, Either) else kind
-            least, most = kind.ends if isinstance(kind, Real) else (-np.inf, np.inf)
-            # What must not be negative stays away from zero, where it would have no effect.
-            low[k], high[k] = max(low[k], 1e-6 * abs(first) if least == 0.0 else least), min(high[k], most)
+            least, most = parameter.limits(self.scene)
+            if parameter.field in PLACES and any(one.field == "length" for one in self.parameters):
+                most = np.inf  # the end of the beam moves
+            # A number stays away from its least value, such as no stiffness, where it would have no effect.
+            least = least + 1e-6 * (first - least) if np.isfinite(least) else least
+            low[k], high[k] = max(low[k], least), min(high[k], most)
         outside = (self.first < low) | (self.first > high)
         if np.any(outside):
             k = int(np.argmax(outside))
@@ -477,8 +476,9 @@ def _begins(problem: _Problem, count: int) -> list[Array]:
         reach = _SPREAD * np.where(problem.first != 0.0, np.abs(problem.first), 1.0)
         low = np.where(np.isfinite(problem.bounds[0]), problem.bounds[0], problem.first - reach)
         high = np.where(np.isfinite(problem.bounds[1]), problem.bounds[1], problem.first + reach)
-        own = np.array([np.isfinite(parameter.bounds[0]) for parameter in problem.parameters])
-        low = np.where(own, low, np.maximum(low, problem.first - reach))
+        own = np.isfinite([parameter.bounds for parameter in problem.parameters])
+        low = np.where(own[:, 0], low, np.maximum(low, problem.first - reach))
+        high = np.where(own[:, 1], high, np.minimum(high, problem.first + reach))
         points = qmc.LatinHypercube(d=problem.first.size, rng=np.random.default_rng(0)).random(count - 1)
         begins += [low + point * (high - low) for point in points]
     return begins

@@ -9,7 +9,8 @@ import numpy as np
 
 from vofem._validate import nearest, number, public, whole
 from vofem.errors import ArgumentError
-from vofem.parameters import Kind, declarations, is_declared
+from vofem.parameters import Kind, Real, declarations, is_declared
+from vofem.parameters.kinds import Either
 from vofem.scene import Scene
 from vofem.sensitivities.change import INITIAL, LINEAR, PLACES, after, check_field, function_at, initial_pair, point_of
 
@@ -115,16 +116,34 @@ class Parameter:
 
     def value(self, scene: Scene) -> float:
         """Return the number in a scene; of several, that of the first target or element."""
-        thing = self.found(scene)[0]
+        return float(self._numbers(scene, self.found(scene)[0])[0])
+
+    def limits(self, scene: Scene) -> tuple[float, float]:
+        """Return the least and the largest value at which no linked number leaves its own range."""
+        first, low, high = self.value(scene), -np.inf, np.inf
+        for thing in self.found(scene):
+            kind = Parameter(thing, self.field).kind(scene)
+            kind = kind.forms()[0] if isinstance(kind, Either) else kind
+            least, most = kind.ends if isinstance(kind, Real) else (-np.inf, np.inf)
+            if self.field in PLACES:
+                least, most = getattr(thing, point_of(thing, self.field)).body.shape.x[[0, -1]].tolist()
+            numbers = self._numbers(scene, thing)
+            low = max(low, least + (first - np.min(numbers)))
+            high = min(high, most + (first - np.max(numbers)))
+        return low, high
+
+    def _numbers(self, scene: Scene, thing: Any) -> Any:
+        """Return the numbers of a target, shape (k,): those of the chosen elements."""
         if self.field in INITIAL:
-            return float(initial_pair(scene, thing)[INITIAL.index(self.field)])
-        if self.field in PLACES:
-            return float(getattr(thing, point_of(thing, self.field)).x)
-        if (known := function_at(thing, self.field)) is not None:
-            return float(getattr(known[1], known[2]))
-        numbers = np.atleast_1d(np.asarray(getattr(thing, self.field), dtype=float))
-        chosen = 0 if self.elements is None or numbers.size == 1 else self.elements[0]
-        return float(numbers[chosen])
+            found: Any = initial_pair(scene, thing)[INITIAL.index(self.field)]
+        elif self.field in PLACES:
+            found = getattr(thing, point_of(thing, self.field)).x
+        elif (known := function_at(thing, self.field)) is not None:
+            found = getattr(known[1], known[2])
+        else:
+            found = getattr(thing, self.field)
+        numbers = np.atleast_1d(np.asarray(found, dtype=float))
+        return numbers if self.elements is None or numbers.size == 1 else numbers[list(self.elements)]
 
     def unit(self, scene: Scene) -> str:
         """Return the unit of the number."""
