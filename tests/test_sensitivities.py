@@ -339,6 +339,28 @@ def test_what_has_no_derivative_is_refused_by_name() -> None:
         Parameter(shaken.effects[0], "f.amplitude").check(shaken)
 
 
+def test_value_and_at_refuse_what_is_no_number() -> None:
+    beam = vf.Beam(1.0, EI=lambda x: 1.0 + x, rhoA=1.0, elements=3, supports={"left": "clamped"}, name="beam")
+    slider = vf.Friction(beam.at(0.5), coefficient=0.3, normal=1.0, name="slider")
+    load = vf.PointLoad(beam.at(1.0), vf.Sine(1.0, 2.0) + vf.Sine(2.0, 3.0))
+    scene = vf.Scene([beam], [slider, load])
+    for parameter, message in (
+        (Parameter(slider, "stiffness"), r"no number 'stiffness' .*; there are \['x'\]"),
+        (Parameter(slider, "coefficient"), r"no number 'coefficient' .*; there are \['x'\]"),
+        (Parameter(load, "f.terms.2.amplitude"), r"'f\.terms\.2\.amplitude' is no number .* of Sum\("),
+        (Parameter(load, "f.terms.\u00b2.amplitude"), "is no number"),
+        (Parameter(beam, "EI"), "EI is a Python function"),
+        (Parameter(beam, "nope"), "no number 'nope'"),
+        (Parameter(beam, "rhoA", element=7), "there is no element 7; elements count from 0 to 2"),
+    ):
+        for refused in (parameter.check, parameter.value, lambda scene, p=parameter: p.at(scene, 1.0)):
+            with pytest.raises(vf.ArgumentError, match=message):
+                refused(scene)
+    for element in ([], [0, 0]):
+        with pytest.raises(vf.ArgumentError, match="expected one or more elements, each once"):
+            Parameter(beam, "rhoA", element=element)
+
+
 def test_elements_are_derivatives_of_their_sum() -> None:
     data = reference("B1")
     scene = beam_between_stops(data["point"])

@@ -48,9 +48,9 @@ def check_field(scene: Scene, thing: Any, field: str, elements: tuple[int, ...] 
         return
     if function_at(thing, field) is not None:
         return
-    if field not in LINEAR or not hasattr(thing, field):
+    value = getattr(thing, field, None)
+    if field not in LINEAR or value is None:
         raise _unknown(thing, field)
-    value = getattr(thing, field)
     if callable(value):
         raise ArgumentError(
             f"{label}: {field} is a Python function, by which nothing can be differentiated; give one number for each "
@@ -64,7 +64,7 @@ def check_field(scene: Scene, thing: Any, field: str, elements: tuple[int, ...] 
 
 
 def _unknown(thing: Any, field: str) -> ArgumentError:
-    known = [name for name in LINEAR if hasattr(thing, name)]
+    known = [name for name in LINEAR if getattr(thing, name, None) is not None]
     if isinstance(thing, Beam):
         known.append("length")
     elif isinstance(thing, Body):
@@ -77,7 +77,7 @@ def _unknown(thing: Any, field: str) -> ArgumentError:
     known += ["x"] if len(points) == 1 else [f"{name}.x" for name in points]
     return ArgumentError(
         f"{thing.describe()}: there is no number {field!r} by which to differentiate{nearest(field, tuple(known))}; "
-        f"there are {known}"
+        f"there are {known or 'none'}"
     )
 
 
@@ -106,7 +106,8 @@ def function_at(thing: Any, field: str) -> tuple[str, Any, str, tuple[str, ...]]
     path = tuple(rest.split(".")) if rest else (("value",) if isinstance(function, Constant) else ())
     inner: Any = function
     for step in path[:-1]:
-        inner = inner[int(step)] if isinstance(inner, tuple) and step.isdigit() else getattr(inner, step, None)
+        parts = {str(k): one for k, one in enumerate(inner)} if isinstance(inner, tuple) else {}
+        inner = parts.get(step) if parts else getattr(inner, step, None)
     known = next((names for kind, names in _OF_FUNCTIONS.items() if isinstance(inner, kind)), ())
     if not path or path[-1] not in known:
         if not function.closed_form:
@@ -115,7 +116,7 @@ def function_at(thing: Any, field: str) -> tuple[str, Any, str, tuple[str, ...]]
                 "with Sine, Constant, Ramp and their sums"
             )
         raise ArgumentError(
-            f"{thing.describe()}: {field!r} is no number by which to differentiate; of {inner!r} there are "
+            f"{thing.describe()}: {field!r} is no number by which to differentiate; of {inner or function!r} there are "
             f"{list(known) or 'none'}"
         )
     return first, inner, path[-1], path

@@ -66,6 +66,8 @@ class Parameter:
                 raise ArgumentError(f"Parameter: element= is given for {field!r}, expected only with 'EI' or 'rhoA'")
             several = element if isinstance(element, (list, tuple, range, np.ndarray)) else [element]
             self.elements = tuple(whole("Parameter: element", one, 0) for one in several)
+            if len(set(self.elements)) != max(len(self.elements), 1):
+                raise ArgumentError(f"Parameter: element is {element!r}, expected one or more elements, each once")
         self.bounds = _bounds(bounds)
 
     @property
@@ -115,7 +117,14 @@ class Parameter:
             check_field(scene, thing, self.field, self.elements)
 
     def value(self, scene: Scene) -> float:
-        """Return the number in a scene; of several, that of the first target or element."""
+        """Return the number in a scene; of several, that of the first target or element.
+
+        Raises
+        ------
+        ArgumentError
+            As `check`.
+        """
+        self.check(scene)
         return float(self._numbers(scene, self.found(scene)[0])[0])
 
     def limits(self, scene: Scene) -> tuple[float, float]:
@@ -179,7 +188,7 @@ class Parameter:
         Raises
         ------
         ArgumentError
-            If the value is out of the range of the field.
+            As `check`, or if the value is out of the range of the field.
         """
         return self.changed(scene, value - self.value(scene))
 
