@@ -119,6 +119,16 @@ def test_several_kinds_of_data_and_an_unknown_zero() -> None:
     assert pytest.approx(10.0, rel=1e-7) == fit.scene.bodies[0].EI
 
 
+def test_a_zero_that_is_far_off_does_not_mislead() -> None:
+    true, times = (0.018, 230.0), np.linspace(0.02, 4.0, 60)
+    exact, start = driven(*true), driven(0.0175, 240.0)
+    motion = vf.simulate(exact, 4.0, times=times, method="event_driven").displacement(exact.bodies[0])
+    parameters = [vf.Parameter("stop", "gap"), vf.Parameter("stop", "stiffness"), vf.Parameter("m", "damping")]
+    fit = vf.fit(start, parameters, vf.Measured(start.bodies[0], times, motion + 1.0, 1e-4, offset=True))
+    assert np.allclose(fit.values, [*true, 0.1], rtol=1e-8)
+    assert fit.offsets[0] == pytest.approx(1.0, rel=1e-9)
+
+
 def test_several_starts_find_the_best_minimum_and_say_where_each_one_ended() -> None:
     data, arrays = case("E3")
     scene = scene_of({**data["true"], "gap": 0.0095})

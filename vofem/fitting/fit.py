@@ -234,7 +234,8 @@ class _Problem:
 
     def trial(self, x: Array, until: float) -> tuple[Trial, Array]:
         """Return a trial and its residuals in the units of the data."""
-        key = x.tobytes(), until
+        p = len(self.parameters)
+        key = x[:p].tobytes(), until
         if key not in self._known:
             scene = self.scene_of(x)
             parameters = tuple(parameter.carried(self.scene, scene) for parameter in self.parameters)
@@ -243,16 +244,17 @@ class _Problem:
             times = np.unique(np.concatenate([*used, [end]])) if used and end > 0.0 else np.zeros(1)
             trial = Trial(self.scene, scene, parameters, until, times)
             self.runs += 1
-            parts = []
-            for k, one in enumerate(self.data):
-                part = one.model(trial) - one.values[one.used(until)]
-                if k in self.with_offset:
-                    part = part + x[len(self.parameters) + self.with_offset.index(k)]
-                parts.append(part)
+            parts = [one.model(trial) - one.values[one.used(until)] for one in self.data]
             if len(self._known) >= _KEPT:
                 del self._known[next(iter(self._known))]
             self._known[key] = trial, np.concatenate(parts)
-        return self._known[key]
+        trial, residuals = self._known[key]
+        return trial, residuals + self.shifts(until) @ x[p:]
+
+    def shifts(self, until: float) -> Array:
+        """Return the derivatives of the residuals by the offsets, shape (n, offsets): 1 where an offset belongs to."""
+        sizes = [int(one.used(until).sum()) for one in self.data]
+        return np.repeat(np.eye(len(self.data))[:, self.with_offset], sizes, axis=0)
 
     def weights(self, until: float) -> Array:
         """Return the inverse of the noise of each residual."""
@@ -262,16 +264,9 @@ class _Problem:
 
     def jacobian(self, x: Array, until: float) -> Array:
         """Return the derivatives of the weighted residuals, shape (n, p + offsets)."""
-        trial, residuals = self.trial(x, until)
-        p = len(self.parameters)
-        found = np.zeros((residuals.size, p + len(self.with_offset)))
-        row = 0
-        for k, one in enumerate(self.data):
-            part = trial.once((one, "jacobian"), partial(one.jacobian, trial))
-            found[row : row + part.shape[0], :p] = part
-            if k in self.with_offset:
-                found[row : row + part.shape[0], p + self.with_offset.index(k)] = 1.0
-            row += part.shape[0]
+        trial, _ = self.trial(x, until)
+        parts = [trial.once((one, "jacobian"), partial(one.jacobian, trial)) for one in self.data]
+        found = np.concatenate([np.concatenate(parts), self.shifts(until)], axis=1)
         # The derivative by a length moves places on its beam; a place that is a parameter too keeps its value.
         for k, j in self._moved:
             place, length = trial.parameters[j], trial.parameters[k]
@@ -290,6 +285,9 @@ class _Problem:
         free = np.full(len(self.with_offset), np.inf)
         low, high = np.append(self.bounds[0], -free), np.append(self.bounds[1], free)
         whole, before, notes = np.clip(x, low, high), self.runs, []
+        # The residuals are linear in the offsets, so that the best ones for the start are known.
+        columns = weights[:, None] * self.shifts(until)
+        whole[len(self.parameters) :] -= np.linalg.lstsq(columns, weights * self.trial(whole, until)[1])[0]
 
         def at(y: Array) -> Array:
             z = whole.copy()
