@@ -245,7 +245,7 @@ def test_files_that_the_pages_for_developers_name_exist():
 def test_the_page_on_derivatives_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names = run_page(DOCS / "derivatives.md")
-    assert names["d"].names == ["stop.gap", "beam.EI[3]", "PointLoad.f.omega"]
+    assert names["d"].names == ["stop.gap", "beam.EI[3]", "PointLoad(beam@1).f.omega"]
     d = names["d"]
     assert d.notes == []
     assert d.displacement(names["tip"]).shape == (1001, 3)

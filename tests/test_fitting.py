@@ -207,6 +207,7 @@ def test_elements_and_all_kinds_of_data_are_in_files_of_fits(tmp_path: Path) -> 
     loaded = vf.load(fit.save(tmp_path / "fit.h5"))
     assert loaded.parameters[0].elements == (0, 1)
     assert loaded.parameters[1].found(loaded.scene) == (loaded.scene.effects[1],)
+    assert "PointLoad(beam@0.5).f.value" in loaded.report()
     assert loaded.scene.bodies[0].EI.tolist() == fit.scene.bodies[0].EI.tolist()
     assert [one.describe() for one in loaded.data] == [one.describe() for one in data]
     drawn = [plot.fit(one).flat for one in (fit, loaded)]
@@ -291,6 +292,11 @@ def test_data_that_are_numbers_are_refused_in_a_short_message() -> None:
     start = driven(1.0, 8.0)
     with pytest.raises(vf.ArgumentError, match=r"fit: data is an array of 500, expected what vofem\.Measured returns"):
         vf.fit(start, vf.Parameter("stop", "gap"), np.zeros(500))
+    with pytest.raises(vf.ArgumentError, match="fit: data is empty, expected"):
+        vf.fit(start, vf.Parameter("stop", "gap"), [])
+    with pytest.raises(vf.ArgumentError, match=r"values is \['a', .*\.\.\.\], expected an array of numbers") as refused:
+        vf.Measured(start.bodies[0], np.arange(500.0), ["a"] * 500)
+    assert len(str(refused.value)) < 100
 
 
 def test_sheets_that_are_meant_and_curves_that_are_refused() -> None:
@@ -392,7 +398,7 @@ def test_no_linked_number_and_no_place_leaves_its_range() -> None:
     masses = [vf.Mass(1.0, stiffness=k, name=name) for k, name in ((50.0, "a"), (10.0, "b"))]
     pushed = vf.Scene(masses, [vf.PointLoad(masses[0], 1.0)])
     beam = vf.Beam(1.0, EI=[5.0, 1.0], rhoA=1.0, elements=2, supports={"left": "clamped"}, name="beam")
-    load = vf.PointLoad(beam.at(0.9), 1.0)
+    load = vf.PointLoad(beam.at(0.9), 1.0, name="load")
     bent, tip = vf.Scene([beam], [load]), beam.at(1.0)
     least = vf.Parameter(beam, "EI").at(bent, 4.001)
     below = vf.equilibrium(least, 0.0).displacement(least.bodies[0].at(1.0))

@@ -342,11 +342,13 @@ def test_what_has_no_derivative_is_refused_by_name() -> None:
 def test_value_and_at_refuse_what_is_no_number() -> None:
     beam = vf.Beam(1.0, EI=lambda x: 1.0 + x, rhoA=1.0, elements=3, supports={"left": "clamped"}, name="beam")
     slider = vf.Friction(beam.at(0.5), coefficient=0.3, normal=1.0, name="slider")
+    bed = vf.Foundation(beam, stiffness=20.0, name="bed")
     load = vf.PointLoad(beam.at(1.0), vf.Sine(1.0, 2.0) + vf.Sine(2.0, 3.0))
-    scene = vf.Scene([beam], [slider, load])
+    scene = vf.Scene([beam], [slider, load, bed])
     for parameter, message in (
         (Parameter(slider, "stiffness"), r"no number 'stiffness' .*; there are \['x'\]"),
         (Parameter(slider, "coefficient"), r"no number 'coefficient' .*; there are \['x'\]"),
+        (Parameter(bed, "gap"), r"no number 'gap' .*; there are \['stiffness'\]"),
         (Parameter(load, "f.terms.2.amplitude"), r"'f\.terms\.2\.amplitude' is no number .* of Sum\("),
         (Parameter(load, "f.terms.\u00b2.amplitude"), "is no number"),
         (Parameter(beam, "EI"), "EI is a Python function"),
@@ -359,6 +361,16 @@ def test_value_and_at_refuse_what_is_no_number() -> None:
     for element in ([], [0, 0]):
         with pytest.raises(vf.ArgumentError, match="expected one or more elements, each once"):
             Parameter(beam, "rhoA", element=element)
+
+
+def test_both_places_of_a_rotational_spring_are_parameters() -> None:
+    beam = vf.Beam(1.0, EI=5.0, rhoA=1.0, elements=3, supports={"left": "clamped"}, name="beam")
+    spring = vf.RotationalSpring(beam.at(0.3), beam.at(0.6), stiffness=2.0)
+    scene = vf.Scene([beam], [spring, vf.PointLoad(beam.at(1.0), vf.Sine(1.0, 9.0))])
+    with pytest.raises(vf.ArgumentError, match=r"there is point\.x and other\.x"):
+        Parameter(spring, "x").check(scene)
+    places = [Parameter(spring, f"{name}.x") for name in ("point", "other")]
+    close_to_differences(scene, places, 1.0, beam.at(1.0), 1e-6)
 
 
 def test_elements_are_derivatives_of_their_sum() -> None:

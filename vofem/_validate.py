@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import reprlib
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 
@@ -145,7 +146,7 @@ def array(what: str, values: Any, *, shape: tuple[int, ...] | None = None) -> ND
     except (TypeError, ValueError, OverflowError):
         result = None
     if result is None:
-        raise ArgumentError(f"{what} is {values!r}, expected an array of numbers")
+        raise ArgumentError(f"{what} is {reprlib.repr(values)}, expected an array of numbers")
     if shape is not None and result.shape != shape:
         raise ArgumentError(f"{what} has shape {result.shape}, expected {shape}")
     bad = ~(np.abs(result) <= HUGE)

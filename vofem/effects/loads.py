@@ -130,6 +130,7 @@ class BaseMotion(Acting):
     unit translation. A body has one base, so a second motion of it is refused; add the functions instead. A spring or a
     joint between two bodies is refused unless both stand on bases with the same acceleration. A contact between them
     needs the displacements of both bases, and so does a stop that stays in space (``Contact(..., frame="space")``).
+    In a run with ``t_start``, t = 0 is that of `acceleration`, and not the begin of the run.
     """
 
     body: Annotated[Body, OnBody("The body that stands on the base.")]

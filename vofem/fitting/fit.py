@@ -423,7 +423,7 @@ def fit(
     _check_once(chosen, scene)
     measured = tuple(listed(data))
     if not measured or not all(isinstance(one, Data) for one in measured):
-        shown = repr(data) if len(measured) == 1 else found(list(measured))
+        shown = repr(data) if len(measured) == 1 else found(list(measured)) if measured else "empty"
         raise wrong("fit: data", shown, "what vofem.Measured returns, or several of these")
     starts = whole("fit: starts", starts)
     problem = _Problem(scene, chosen, measured)

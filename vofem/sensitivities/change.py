@@ -25,7 +25,7 @@ LINEAR = (
 )  # fmt: skip
 INITIAL = ("initial.displacement", "initial.velocity")
 #: The place of an effect on a beam.
-PLACES = ("x", "a.x", "b.x", "point.x")
+PLACES = ("x", "a.x", "b.x", "point.x", "other.x")
 #: Attributes of effects that are functions of time.
 FUNCTIONS = ("f", "acceleration")
 #: Numbers of functions of time by which their closed form is differentiated.
@@ -48,7 +48,7 @@ def check_field(scene: Scene, thing: Any, field: str, elements: tuple[int, ...] 
         return
     if function_at(thing, field) is not None:
         return
-    value = getattr(thing, field, None)
+    value = _given(thing, field)
     if field not in LINEAR or value is None:
         raise _unknown(thing, field)
     if callable(value):
@@ -63,8 +63,13 @@ def check_field(scene: Scene, thing: Any, field: str, elements: tuple[int, ...] 
             raise ArgumentError(f"{label}: there is no element {wrong[0]}; elements count from 0 to {count - 1}")
 
 
+def _given(thing: Any, name: str) -> Any:
+    """Return a number of an object; None where it has none, such as the gap of a two-sided foundation."""
+    return None if name == "gap" and not getattr(thing, "one_sided", True) else getattr(thing, name, None)
+
+
 def _unknown(thing: Any, field: str) -> ArgumentError:
-    known = [name for name in LINEAR if getattr(thing, name, None) is not None]
+    known = [name for name in LINEAR if _given(thing, name) is not None]
     if isinstance(thing, Beam):
         known.append("length")
     elif isinstance(thing, Body):
@@ -157,7 +162,7 @@ def point_of(thing: Any, field: str) -> str:
     if first != "x" and first in points:
         return first
     if first != "x" or len(points) != 1:
-        why = "there is " + (" or ".join(f"{name}.x" for name in points) or "no point on a beam")
+        why = "there is " + (" and ".join(f"{name}.x" for name in points) or "no point on a beam")
         if any(isinstance(value, TravellingPoint) for value in vars(thing).values()):
             why = "the point travels along the beam; give its path another start in the scene"
         raise ArgumentError(f"{thing.describe()}: {field!r} is not the place of one point, because {why}")

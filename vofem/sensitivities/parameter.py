@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from vofem._validate import nearest, number, public, whole
+from vofem.bodies.base import Body, Point
 from vofem.errors import ArgumentError
 from vofem.parameters import Kind, Real, declarations, is_declared
 from vofem.parameters.kinds import Either
@@ -27,8 +28,9 @@ class Parameter:
         The attribute that changes: ``"gap"``, ``"stiffness"``, ``"damping"``, ``"mass"``, ``"EI"``, ``"rhoA"``,
         ``"tension"``, ``"alpha"``, ``"beta"``, ``"ratio"``; ``"length"`` of a beam, with which all its nodes and the
         points on it move in proportion; ``"x"``, the place of an effect on a beam, whose mesh stays (``"a.x"`` and
-        ``"b.x"`` where there are two places); ``"f.amplitude"``, ``"f.omega"``, ``"f.phase"`` or ``"f.value"`` of
-        the function of time of a load; ``"initial.displacement"`` and ``"initial.velocity"`` of a mass.
+        ``"b.x"``, or ``"point.x"`` and ``"other.x"``, where there are two places); ``"f.amplitude"``, ``"f.omega"``,
+        ``"f.phase"`` or ``"f.value"`` of the function of time of a load; ``"initial.displacement"`` and
+        ``"initial.velocity"`` of a mass.
     element : int or list of int, optional
         Elements of a beam, counted from 0, whose EI or rhoA changes. Without it all elements change by the same
         amount.
@@ -73,8 +75,7 @@ class Parameter:
     @property
     def name(self) -> str:
         """Names of the targets, the elements and the field, such as ``"stop.gap"``."""
-        targets = " and ".join(str(one if isinstance(one, str) else getattr(one, "name", None) or type(one).__name__)
-                               for one in self.targets)  # fmt: skip
+        targets = " and ".join(map(_label, self.targets))
         place = "" if self.elements is None else f"[{', '.join(str(k) for k in self.elements)}]"
         return f"{targets}.{self.field}{place}"
 
@@ -199,6 +200,14 @@ class Parameter:
 
 
 public(Parameter)
+
+
+def _label(target: Any) -> str:
+    """Return the name of a target; of an effect that has none, its class and what it acts on."""
+    name = target if isinstance(target, str) else getattr(target, "name", None)
+    on = ", ".join(one.name if isinstance(one, Body) else f"{one.body.name}@{one.x:g}"
+                   for one in getattr(target, "__dict__", {}).values() if isinstance(one, (Point, Body)))  # fmt: skip
+    return str(name or f"{type(target).__name__}({on})".removesuffix("()"))
 
 
 def _kind(thing: Any, name: str) -> Kind | None:
