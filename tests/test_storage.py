@@ -82,6 +82,23 @@ def test_a_mesh_file_may_be_gone(tmp_path):
         assert f'mesh = "{mesh.name}"' in file["vofem/scene.toml"][()].decode()
 
 
+def test_a_scene_with_another_function_path_or_name_is_not_that_of_the_file(tmp_path):
+    beam, mass = vf.Beam(2.0, 1.0, 1.0, 4, {"left": "clamped"}, name="b"), vf.Mass(1.0, stiffness=4.0, name="m")
+    sine = vf.Sine(1.0, 2.0)
+
+    def scene(f=sine, speed=0.5, name="slider"):
+        slider = vf.Friction(mass, coefficient=0.1, normal=1.0, name=name)
+        return vf.Scene([beam, mass], [vf.PointLoad(mass, f), vf.PointLoad(beam.along(vf.Path(speed)), 1.0), slider])
+
+    result = vf.simulate(scene(), 1.0, method="generalized_alpha", dt=0.1)
+    path = result.save(tmp_path / "run.vtkhdf")
+    for other in ({"f": vf.Sine(0.5, 2.0)}, {"f": 2.0 * sine}, {"speed": 0.9}, {"name": "other"}):
+        with pytest.raises(vf.ArgumentError, match=r"another one than that of the file.*time, paths or names"):
+            vf.load(path, scene=scene(**other))
+    for same_scene in (scene(), scene(name=None), scene(f=lambda t: np.sin(2.0 * t))):
+        assert same(vf.load(path, scene=same_scene).displacement(mass), result.displacement(mass))
+
+
 def test_the_scene_is_inside_as_toml(tmp_path):
     result = ran("beam-displacement")
     loaded = saved_and_loaded(result, tmp_path / "run.vtkhdf")

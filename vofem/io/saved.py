@@ -30,7 +30,8 @@ def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
     path : path
         Name of the file.
     scene : Scene, optional
-        The scene of the run or of the fit, made again in Python. It takes the place of the scene in the file.
+        The scene of the run or of the fit, made again in Python. It takes the place of the scene in the file. Python
+        functions in it cannot be compared with those of the run.
 
     Returns
     -------
@@ -78,7 +79,8 @@ def resume(
         The file that was given as ``checkpoint`` to `vofem.simulate`.
     scene : Scene, optional
         The same scene again. It is needed if the scene contains Python
-        functions, or bodies or effects of your own classes, which a file cannot hold.
+        functions, or bodies or effects of your own classes, which a file cannot hold. Python functions cannot be
+        compared with those of the run.
     progress : bool or callable, optional
         See `vofem.simulate`.
     checkpoint_every : float

@@ -6,6 +6,7 @@ import ast
 import dataclasses
 import inspect
 import itertools
+import re
 import textwrap
 import typing
 from collections.abc import Callable, Collection, Hashable, Mapping
@@ -144,6 +145,11 @@ def automatic_name(name: str | None, kind: str) -> str:
     if not isinstance(name, str) or not name:
         raise ArgumentError(f"{kind}: name is {name!r}, expected a non-empty string")
     return name
+
+
+def was_chosen(name: Any) -> bool:
+    """Return whether `automatic_name` may have chosen a name, which is then another one each time."""
+    return re.fullmatch(r"[a-z]+-\d+", str(name)) is not None
 
 
 def _kind_of(cls: type, name: str, hint: Any) -> Kind:

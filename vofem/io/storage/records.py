@@ -24,8 +24,8 @@ from vofem.io.storage.recorded import RecordedLoad, Recorder, Recording, is_plai
 from vofem.io.storage.tree import Encode
 from vofem.laws import past_of
 from vofem.laws.law import FORCE, STORED
-from vofem.parameters import values_of
-from vofem.parameters.declared import table_name
+from vofem.parameters import content_of, values_of
+from vofem.parameters.declared import table_name, was_chosen
 from vofem.polynomial import Polynomial
 from vofem.scene import Scene, as_scene
 from vofem.system import System
@@ -53,6 +53,7 @@ def scene_record(scene: Scene, q: Array, times: Array) -> dict[str, Any]:
     foreign += [effect.describe() for effect in scene.effects if type(effect) not in _NAMES_OF]
     foreign += [point.describe() for point in points if type(point) not in (Point, Mass, TravellingPoint)]
     record = {"foreign": list(dict.fromkeys(foreign)), "equations": equations(scene.model.system), "whole": None}
+    record["compared"] = _compared(scene)
     if foreign:
         return record
     copy = Recorder().scene(scene)
@@ -80,16 +81,18 @@ def _use(scene: Scene, q: Array, times: Array) -> None:
 def restored_scene(record: Mapping[str, Any], scene: Scene | None, call: str, file: str) -> Scene:
     """Return the scene of a file, or the given one if it has the same equations.
 
-    Functions of time and laws in Python are not compared. Messages name `call`, such as "resume", and `file`.
+    Functions in Python are not compared: loads and laws. Messages name `call`, such as "resume", and `file`.
 
     Raises `ArgumentError` if the given scene has other equations.
     Raises `MissingCallableError` if the scene has bodies that the file does not hold, and none is given.
     """
     if scene is not None:
-        if equations(as_scene(call, scene).model.system) != record["equations"]:
+        kept, given = record.get("compared"), _compared(as_scene(call, scene))
+        if equations(scene.model.system) != record["equations"] or (kept is not None and _differ(kept, given)):
             raise ArgumentError(
                 f"{call}: the scene is another one than that of the {file}: masses, stiffnesses, damping, springpots, "
-                "contacts or loads differ; give the scene that the run began with, or simulate anew"
+                "contacts, loads, functions of time, paths or names of effects differ; give the scene that the run "
+                "began with, or simulate anew"
             )
         return scene
     if record["foreign"]:
@@ -101,6 +104,38 @@ def restored_scene(record: Mapping[str, Any], scene: Scene | None, call: str, fi
     if isinstance(initial, dict):
         initial = {body: initial[body.name] for body in whole["bodies"] if body.name in initial}
     return Scene(whole["bodies"], whole["effects"], initial)
+
+
+def _compared(scene: Scene) -> list[Any]:
+    """Return what the equations do not tell of effects: names, paths and functions of time; None for what is not known.
+
+    Not known are names that the constructor chose, and functions in Python.
+    """
+    found: list[Any] = []
+    effects = (effect for effect in scene.effects if type(effect) in _NAMES_OF)
+    for effect in sorted(effects, key=lambda effect: _NAMES_OF[type(effect)]):
+        for name, value in values_of(effect).items():
+            if name == "name":
+                found.append(None if was_chosen(value) else value)
+            elif isinstance(value, TravellingPoint):
+                found.append(value.path)
+            elif isinstance(value, TimeFunction):
+                plain = not isinstance(value, RecordedLoad) and Recorder().function(value) is value
+                found.append(value if plain else None)
+    return found
+
+
+def _differ(kept: list[Any], given: list[Any]) -> bool:
+    """Return whether anything that is known on both sides differs."""
+
+    def content(value: Any) -> Any:
+        try:
+            return None if value is None else content_of(value)
+        except TypeError:
+            return None
+
+    pairs = [(content(one), content(other)) for one, other in zip(kept, given, strict=False)]
+    return len(kept) != len(given) or any(None not in pair and pair[0] != pair[1] for pair in pairs)
 
 
 def equations(system: System) -> str:

@@ -9,7 +9,6 @@ import functools
 import importlib
 import importlib.util
 import inspect
-import re
 import sys
 import sysconfig
 import types
@@ -21,6 +20,7 @@ from typing import Any
 from vofem._version import __version__
 from vofem.errors import ArgumentError
 from vofem.parameters import values_of
+from vofem.parameters.declared import was_chosen
 from vofem.studies.sweep.points import NoContentError, digest, node_of
 
 
@@ -147,8 +147,8 @@ class _Reached:
             told = values_of(value)
         except ArgumentError:
             raise NoContentError from None
-        if re.fullmatch(r"[a-z]+-\d+", str(told.get("name"))):
-            del told["name"]  # chosen by vofem, and another one each time
+        if was_chosen(told.get("name")):
+            del told["name"]
         return [type(value).__qualname__, self.node(told)]
 
     def _pickled(self, value: Any) -> Any:
