@@ -242,3 +242,18 @@ def test_what_has_no_rotation_is_refused():
         vf.BilinearSpring(beam.at(0.0), stiffness=1.0, linear_limit=1.0, of="angle")
     with pytest.raises(ArgumentError, match=r"gap is -0\.1 rad"):
         vf.Contact(beam.at(0.0), gap=-0.1, stiffness=1.0, side="above", acts_on="displacement", of="rotation")
+
+
+def test_effects_of_one_name_keep_their_units_and_their_columns():
+    tip, mass = pinned_beam().at("right"), vf.Mass(1.0, stiffness=1.0, name="m")
+    scene = vf.Scene([tip.body, mass], [
+        vf.Contact(mass, gap=0.1, stiffness=100.0, side="above", acts_on="penetration", name="x"),
+        vf.BilinearSpring(tip, stiffness=1.0, linear_limit=0.1, of="rotation", name="x"),
+        vf.Friction(mass, coefficient=0.1, normal=1.0, name="x"),
+        vf.PointLoad(mass, 0.5),
+    ])  # fmt: skip
+    run = vf.simulate(scene, 2.0, dt=0.01, times=np.linspace(0.0, 2.0, 5))
+    frame = run.to_dataframe([mass])
+    assert np.array_equal(frame["x force [N]"], run.contacts["x"].force)
+    assert np.array_equal(frame["friction x force [N]"], run.frictions["x"].force)
+    assert run.to_xarray().spring_unit.values.tolist() == ["N m"]

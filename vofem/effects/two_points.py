@@ -94,12 +94,13 @@ def refuse_equal(effect: Any, a: Point, b: Point | None) -> None:
         )
 
 
-def units_of(effects: Iterable[Any], name: str) -> Units:
-    """Return the units of the contact or spring of that name; those of displacements if there is none."""
-    return next(
-        (UNITS[effect.of] for effect in effects if getattr(effect, "name", None) == name and hasattr(effect, "of")),
-        UNITS["displacement"],
-    )
+def units_of(effects: Iterable[Any], label: str) -> Units:
+    """Return the units of the effect with a label such as ``Contact 'stop'``; those of displacements if none has it."""
+    for effect in effects:
+        labels = (f"{cls.__name__} {getattr(effect, 'name', None)!r}" for cls in type(effect).__mro__)
+        if hasattr(effect, "of") and label in labels:
+            return UNITS[effect.of]
+    return UNITS["displacement"]
 
 
 _SIDES = ("below", "above")

@@ -32,8 +32,8 @@ class Run(Motion):
         laws = self.model.system.contacts
         if laws is None:
             return Named({})
-        effects = self.scene.effects
-        histories = [ContactHistory(self, laws, j, units_of(effects, name)) for j, name in enumerate(laws.names)]
+        units = [units_of(self.scene.effects, label) for label in laws.labels]
+        histories = [ContactHistory(self, laws, j, found) for j, found in enumerate(units)]
         return Named({history.name: history for history in histories})
 
     @cached_property
@@ -42,7 +42,7 @@ class Run(Motion):
         sliders, effects = self.model.system.sliders, self.scene.effects
         laws = () if sliders is None else sliders.laws
         return Named(
-            {law.name: FrictionHistory(self, law, j, units_of(effects, law.name)) for j, law in enumerate(laws)},
+            {law.name: FrictionHistory(self, law, j, units_of(effects, law.label)) for j, law in enumerate(laws)},
             "slider",
         )
 

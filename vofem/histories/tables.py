@@ -56,7 +56,8 @@ def named_points(what: str, scene: Scene, points: Mapping[str, Any] | Iterable[A
 def history_columns(run: Run, points: dict[str, Any]) -> dict[str, tuple[NDArray, str]]:
     """Return values and units at the times of a run, of `histories`.
 
-    These are the motion of points, force and K_eq of contacts, and force and slip speed of sliders.
+    These are the motion of points, force and K_eq of contacts, and force and slip speed of sliders. A slider that has
+    the name of a contact is called ``friction`` and its name.
     """
     found = motion_and_contacts(run, points)
     columns: dict[str, tuple[NDArray, str]] = {}
@@ -64,5 +65,8 @@ def history_columns(run: Run, points: dict[str, Any]) -> dict[str, tuple[NDArray
         values = {name: found[name].at() for name in names if name in found}
         for k, label in enumerate(found[over].at().tolist() if values else ()):
             for name, block in values.items():
-                columns[f"{label} {name.removeprefix(f'{over}_').replace('_', ' ')}"] = block[:, k], found[name].unit(k)
+                head = f"{label} {name.removeprefix(f'{over}_').replace('_', ' ')}"
+                while head in columns:
+                    head = f"{over} {head}"
+                columns[head] = block[:, k], found[name].unit(k)
     return columns

@@ -87,7 +87,7 @@ def _moved(run: Run, points: dict[str, Any], rows: Any, name: str, of: str) -> C
 def _contacts(run: Run) -> dict[str, Variable]:
     samples, laws = run.contact_samples, run.model.system.contacts
     assert laws is not None
-    units = [units_of(run.scene.effects, name) for name in run.contacts]
+    units = [contact.units for contact in run.contacts.values()]
     force, stiffness, length = (
         _common([getattr(u, what) for u in units]) for what in ("force", "stiffness", "coordinate")
     )
@@ -135,7 +135,7 @@ def _frictions(run: Run) -> dict[str, Variable]:
 
 def _springs(run: Run) -> dict[str, Variable]:
     springs = list(run.springs.values())
-    units = [units_of(run.scene.effects, spring.name) for spring in springs]
+    units = [units_of(run.scene.effects, label) for group in run.model.system.recorded for label in group.labels]
     found = {
         "spring": Variable(("spring",), np.array([spring.name for spring in springs])),
         "spring_unit": Variable(("spring",), np.array([u.force for u in units]), {"long_name": "unit of the force"}),

@@ -160,7 +160,7 @@ class Equilibrium(AtRest):
         self.effects, self.t = effects, t
         self.notes = [
             f"contact {name!r} is pinned at its gap with a reaction of {contact.force:.6g} "
-            f"{units_of(effects, name).force}: the load lies between "
+            f"{units_of(effects, f'Contact {name!r}').force}: the load lies between "
             "the open and the closed equilibrium of acts_on='displacement'"
             for name, contact in self.contacts.items()
             if contact.pinned
