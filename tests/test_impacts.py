@@ -269,6 +269,17 @@ def test_histories_as_dataframe_and_dataset():
     assert result.to_xarray().point.values.tolist() == [beam.at(1.0).name]
 
 
+def test_a_mass_that_has_the_name_of_a_point_is_another_column(tmp_path):
+    tip, mass = vf.Beam(1.0, 1.0, 1.0, 2, {"left": "clamped"}, name="b").at(1.0), vf.Mass(1.0, name="b@1.0")
+    result = vf.simulate(
+        vf.Scene([tip.body, mass], [vf.PointLoad(tip, 0.1), vf.PointLoad(mass, 1.0)]), 1.0, times=[0, 1]
+    )
+    frame = result.to_dataframe([tip, tip, mass])
+    assert np.array_equal(frame["b@1.0 displacement [m]"], result.displacement(tip))
+    assert np.array_equal(frame["Mass 'b@1.0' displacement [m]"], result.displacement(mass))
+    assert vf.load(result.save(tmp_path / "run.vtkhdf")).to_xarray().point.size == 2
+
+
 def test_rotations_have_their_own_units():
     beam = vf.Beam(1.0, 1.0, 1.0, 4, supports={"left": "pinned"}, name="b")
     stop = vf.Contact(beam.at(0.0), gap=0.01, stiffness=50.0, side="above", acts_on="penetration", name="r",

@@ -134,6 +134,9 @@ def test_a_branch_as_a_table(branch, tmp_path):
     assert frame["stable"].tolist() == [{"1": True, "0": False, "": None}[row["stable"]] for row in rows]
     assert frame["b largest"].tolist() == [float(row["b largest [m]"]) for row in rows]
     assert frame.attrs["units"]["b least"] == "m"
+    for name in ("frequency", "frequency [Hz]", "stable"):
+        with pytest.raises(vf.ArgumentError, match="two columns are named"):
+            write_branch(found, masses[1], tmp_path / "other.csv", name)
 
 
 # -- the command --------------------------------------------------------------------------------------

@@ -676,3 +676,6 @@ def test_a_quantity_named_error_is_not_lost_in_tables(tmp_path):
     assert table.to_dataframe().columns.tolist() == ["x", "error", "sweep_error"]
     lines = write_sweep(table, tmp_path / "table.csv").read_text().splitlines()
     assert lines == ["x,error,sweep_error", "1,0.1,", "2,0.2,"]
+    table = vf.sweep(lambda x: {"a": np.array([x, 2.0]), "a[0]": 7.0}, {"x": [1.0]}, executor="serial")
+    with pytest.raises(vf.ArgumentError, match=r"two columns are named 'a\[0\]'"):
+        write_sweep(table, tmp_path / "other.csv")

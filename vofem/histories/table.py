@@ -15,11 +15,13 @@ from vofem._validate import unknown
 from vofem.arrays import Array
 from vofem.cards import Shown
 from vofem.effects.two_points import UNITS, Units
+from vofem.errors import ArgumentError
 
 #: Rows that are shown as text.
 _SHOWN = 20
 
 C = TypeVar("C", bound=type)
+V = TypeVar("V")
 
 
 @dataclass(frozen=True)
@@ -157,6 +159,16 @@ def joined(parts: Iterable[Tabled], title: str) -> Table:
         unit = " or ".join(dict.fromkeys(one[name][1] for one in found))
         columns[name] = np.concatenate([np.atleast_1d(one[name][0]) for one in found]), unit
     return Table(columns, title, tuple(dict.fromkeys(part.why for part in parts if part.why)))
+
+
+def by_name(what: str, columns: Iterable[tuple[str, V]]) -> dict[str, V]:
+    """Return columns by name; raise `ArgumentError` where two have one name, of which a table would keep one alone."""
+    found: dict[str, V] = {}
+    for name, column in columns:
+        if name in found:
+            raise ArgumentError(f"{what}: two columns are named {name!r}; give one of them another name")
+        found[name] = column
+    return found
 
 
 def _spelled(value: Any) -> str:

@@ -45,12 +45,20 @@ def points_of_interest(scene: Scene) -> tuple[Any, ...]:
 
 
 def named_points(what: str, scene: Scene, points: Mapping[str, Any] | Iterable[Any] | None) -> dict[str, Any]:
-    """Return points by name: those that are given, else points of interest of the scene."""
+    """Return points by name: those that are given, else points of interest of the scene.
+
+    A point that has the name of another one, as a mass ``b@1.0`` beside a beam ``b``, is called by its description.
+    """
     if points is None:
         points = points_of_interest(scene)[:MOST]
     if isinstance(points, Mapping):
         return {name: as_point(f"{what}: {name}", point) for name, point in points.items()}
-    return {found.name: found for found in (as_point(f"{what}: a point", point) for point in listed(points))}
+    found: dict[str, Any] = {}
+    for point in (as_point(f"{what}: a point", point) for point in listed(points)):
+        other = found.get(point.name, point)
+        same = other.body is point.body and other.x == point.x
+        found[point.name if same else point.describe()] = point
+    return found
 
 
 def history_columns(run: Run, points: dict[str, Any]) -> dict[str, tuple[NDArray, str]]:

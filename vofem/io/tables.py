@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vofem.bodies.base import as_point
 from vofem.files.whole import writer
+from vofem.histories.table import by_name
 from vofem.io.csv_file import write_columns
 from vofem.result import Result
 
@@ -121,7 +122,8 @@ def write_branch(branch: Branch, point: Any, path: str | os.PathLike[str], param
     empty where they are not known, and the kind of a special point.
     """
     table = branch.table(point, parameter)
-    columns: dict[str, Any] = {head: table[name].tolist() for head, name in zip(table.headings(), table, strict=True)}
+    heads = zip(table.headings(), table, strict=True)
+    columns: dict[str, Any] = by_name("write_branch: parameter", ((head, table[name].tolist()) for head, name in heads))
     columns["stable"] = [None if known is None else int(known) for known in columns["stable"]]
     columns["largest multiplier"] = [None if np.isnan(one) else one for one in columns["largest multiplier"]]
     write_columns(columns, path)
@@ -149,12 +151,12 @@ def write_sweep(sweep: Sweep, path: str | os.PathLike[str]) -> None:
     that failed.
     """
     rows = sweep.points.rows
-    columns: dict[str, Any] = {name: [row[name] for row in rows] for name in sweep.points.names}
+    columns: list[tuple[str, Any]] = [(name, [row[name] for row in rows]) for name in sweep.points.names]
     for name in sweep:
         column = sweep[name].reshape(len(rows), -1)
         heads = [name] if column.shape[1] == 1 else [f"{name}[{k}]" for k in range(column.shape[1])]
-        columns |= zip(heads, column.T, strict=True)
-    write_columns(columns | {sweep.error_column: sweep.errors()}, path)
+        columns += zip(heads, column.T, strict=True)
+    write_columns(by_name("write_sweep", [*columns, (sweep.error_column, sweep.errors())]), path)
 
 
 # -- studies of accuracy ------------------------------------------------------------------------------

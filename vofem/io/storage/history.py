@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vofem.arrays import Array
 from vofem.files.hdf5 import FILTERS, Blocks, block_slices, chunks
 from vofem.histories.energy import Energy
-from vofem.histories.tables import points_of_interest
+from vofem.histories.tables import named_points, points_of_interest
 from vofem.histories.variables import ENERGIES, MOTION, Variable, histories
 from vofem.integrators.base import ContactSamples, ProbeSamples, Samples
 from vofem.result import Result
@@ -38,7 +38,7 @@ class History:
 
 def write_history(blocks: Blocks, result: Result) -> None:
     """Write degrees of freedom, points, contacts, springs, energies, events, reactions and probes of a run."""
-    points = {point.name: point for point in points_of_interest(result.scene)}
+    points = named_points("save", result.scene, points_of_interest(result.scene))
     found = histories(result, points) | _degrees_of_freedom(result)
     sizes = {variable.dims[0]: len(variable.at()) for variable in found.values() if len(variable.dims) == 1}
     with h5netcdf.File(blocks.file, "a") as file:

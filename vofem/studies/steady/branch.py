@@ -16,6 +16,7 @@ from vofem.bodies.base import as_point
 from vofem.cards import Saved
 from vofem.errors import ArgumentError
 from vofem.histories import Table
+from vofem.histories.table import by_name
 from vofem.histories.tables import points_of_interest
 from vofem.kernels.choice import by_need
 from vofem.studies.steady.orbit import PeriodicOrbit
@@ -137,6 +138,11 @@ class Branch(Curve):
             The default is the point of the first contact.
         parameter : str
             Name of the first column.
+
+        Raises
+        ------
+        ArgumentError
+            If `parameter` is the name of another column.
         """
         found = [(float(k), float(value), self.orbits[k], "") for k, value in enumerate(self.values)]
         found += [(special.place, special.value, special.orbit, special.kind) for special in self.special]
@@ -146,21 +152,18 @@ class Branch(Curve):
         low, high = np.array([orbit.extremes(place) for orbit in orbits]).reshape(-1, 2).T
         omega = np.array([orbit.omega for orbit in orbits])
         known = (np.nan if one.multipliers is None else np.abs(one.multipliers).max(initial=0.0) for one in orbits)
-        return Table(
-            {
-                parameter: (np.array([value for _, value, _, _ in found]), ""),
-                "frequency": (omega / (2.0 * np.pi), "Hz"),
-                "angular frequency": (omega, "rad/s"),
-                f"{place.name} amplitude": (0.5 * (high - low), "m"),
-                f"{place.name} least": (low, "m"),
-                f"{place.name} largest": (high, "m"),
-                "stable": (np.array([orbit.stable for orbit in orbits], dtype=object), ""),
-                "largest multiplier": (np.array(list(known), dtype=float), ""),
-                "special": (np.array([kind for _, _, _, kind in found], dtype=str), ""),
-            },
-            "Branch",
-            tuple(self.notes),
-        )
+        columns: dict[str, tuple[Any, str]] = {
+            "frequency": (omega / (2.0 * np.pi), "Hz"),
+            "angular frequency": (omega, "rad/s"),
+            f"{place.name} amplitude": (0.5 * (high - low), "m"),
+            f"{place.name} least": (low, "m"),
+            f"{place.name} largest": (high, "m"),
+            "stable": (np.array([orbit.stable for orbit in orbits], dtype=object), ""),
+            "largest multiplier": (np.array(list(known), dtype=float), ""),
+            "special": (np.array([kind for _, _, _, kind in found], dtype=str), ""),
+        }
+        values = np.array([value for _, value, _, _ in found]), ""
+        return Table(by_name("table: parameter", [(parameter, values), *columns.items()]), "Branch", tuple(self.notes))
 
     def to_dataframe(self, point: Any = None, parameter: str = "parameter") -> Any:
         """Return `table` as a `pandas.DataFrame`."""
