@@ -340,3 +340,11 @@ def test_ritz_vectors_of_joined_beams():
         assert (run.truncation is None) == (elements == 10)
         tips.append(run.displacement(a.at(1.0)))
     assert_allclose(tips[1], tips[0], rtol=0.0, atol=2e-6)
+
+
+def test_a_point_mass_may_travel_beside_a_joint_and_fields_at_the_start():
+    one, other = (vf.Beam(1.0, 1.0, 1.0, 2, {end: "pinned"}, name=end) for end in ("left", "right"))
+    effects = [vf.Joint(one.at(1.0), other.at(0.0), kind="hinge"), vf.PointMass(one.along(vf.Path(0.5)), mass=0.1)]
+    start = {one: (lambda x: 1e-3 * x, 0.0), other: (lambda x: 1e-3 * (1.0 - x), 0.0)}
+    run = vf.simulate(vf.Scene([one, other], effects, start), 0.01, method="generalized_alpha", dt=0.01)
+    assert run.displacement(one.at(1.0))[0] == pytest.approx(1e-3)

@@ -99,6 +99,18 @@ def test_a_scene_with_another_function_path_or_name_is_not_that_of_the_file(tmp_
         assert same(vf.load(path, scene=same_scene).displacement(mass), result.displacement(mass))
 
 
+def test_what_travels_along_a_beam_is_read_whole(tmp_path):
+    """Also along one whose stiffness is a Python function, for which the scene is copied."""
+    beam = vf.Beam(2.0, lambda x: 1.0 + x, 1.0, 4, {"left": "pinned", "right": "pinned"}, name="b")
+    rider = beam.along(vf.Path(0.5))
+    scene = vf.Scene([beam], [vf.PointMass(rider, mass=0.1), vf.PointLoad(rider, 1.0), vf.Gravity(1.0)])
+    result = vf.simulate(scene, 1.0, method="generalized_alpha", dt=0.01)
+    loaded = saved_and_loaded(result, tmp_path / "run.vtkhdf")
+    assert same(loaded.displacement(beam.at(1.0)), result.displacement(beam.at(1.0)))
+    assert same(loaded.energy.total, result.energy.total)
+    assert [e.describe() for e in loaded.scene.effects] == [e.describe() for e in result.scene.effects]
+
+
 def test_the_scene_is_inside_as_toml(tmp_path):
     result = ran("beam-displacement")
     loaded = saved_and_loaded(result, tmp_path / "run.vtkhdf")

@@ -72,6 +72,8 @@ class Model:
         if self.transform is None:
             return q
         rotation = np.concatenate([body.degrees_of_freedom.rotation for body in self.offsets])
+        # Point masses that travel have unknowns after those of the bodies.
+        rotation = np.pad(rotation, (0, full.shape[0] - rotation.size))
         largest = [float(np.max(np.abs(full[kind]), initial=0.0)) for kind in (~rotation, rotation)]
         size = np.where(rotation, largest[1], largest[0])
         gap = np.abs(self.expand(q) - full)

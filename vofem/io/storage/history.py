@@ -74,12 +74,17 @@ def _texts(values: NDArray) -> Any:
 def _degrees_of_freedom(result: Result) -> dict[str, Variable]:
     bodies, free = result.scene.bodies, result.model.free
     known = [body.degrees_of_freedom for body in bodies]
+    # The unknowns of point masses that travel come after those of the bodies.
+    riders = np.full(result.model.size - sum(body.size for body in bodies), np.nan)
+    names = np.repeat([*(body.name for body in bodies), ""], [*(body.size for body in bodies), riders.size])
+    rotation = np.concatenate([*(part.rotation for part in known), np.zeros(riders.size)])
     place = {"units": "m", "long_name": "place of the node; NaN for a mass"}
     kind = {"long_name": "0 displacement in m, 1 slope"}
+    body = {"long_name": "name of the body; empty for a point mass that travels"}
     found = {
-        "dof_body": Variable(("dof",), np.repeat([body.name for body in bodies], [body.size for body in bodies])[free]),
-        "dof_x": Variable(("dof",), np.concatenate([part.x for part in known])[free], place),
-        "dof_kind": Variable(("dof",), np.concatenate([part.rotation for part in known])[free].astype(np.int64), kind),
+        "dof_body": Variable(("dof",), names[free], body),
+        "dof_x": Variable(("dof",), np.concatenate([*(part.x for part in known), riders])[free], place),
+        "dof_kind": Variable(("dof",), rotation[free].astype(np.int64), kind),
     }
     for name, words in (("q", "degrees of freedom"), ("v", "their rates"), ("a", "their second rates")):
         values = getattr(result.samples, name)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.arrays import Array
-from vofem.bodies import Beam, Body, Point
+from vofem.bodies import Beam, Body, Point, TravellingPoint
 from vofem.bodies.coefficient import evaluate_along
 from vofem.errors import MissingCallableError
 from vofem.io.storage.tree import name_of_class
@@ -215,7 +215,9 @@ class Recorder:
             return bodies.get(value, value)
         if isinstance(value, Point):
             body: Any = bodies.get(value.body, value.body)
-            return value if body is value.body else Point(body, value.x)
+            if body is value.body:
+                return value
+            return TravellingPoint(body, value.path) if isinstance(value, TravellingPoint) else Point(body, value.x)
         if isinstance(value, TimeFunction):
             return self.function(value)
         if not callable(value) or is_plain(value):
