@@ -123,9 +123,9 @@ def test_a_run_without_probes_has_no_record():
 
 def test_what_is_no_point_is_refused():
     scene, beam = beam_on_stop()
-    with pytest.raises(vf.ArgumentError, match=r"a point of probes.*take a point of it with \.at"):
+    with pytest.raises(vf.ArgumentError, match=r"probes: a point.*take a point of it with \.at"):
         vf.simulate(scene, 0.1, probes=[beam])
-    with pytest.raises(vf.ArgumentError, match=r"probes\['tip'\]"):
+    with pytest.raises(vf.ArgumentError, match=r"probes: tip is 1.0"):
         vf.simulate(scene, 0.1, probes={"tip": 1.0})
     stranger = vf.Mass(1.0, name="stranger")
     with pytest.raises(vf.ArgumentError, match="no body is named 'stranger'"):

@@ -99,6 +99,14 @@ def test_a_scene_with_another_function_path_or_name_is_not_that_of_the_file(tmp_
         assert same(vf.load(path, scene=same_scene).displacement(mass), result.displacement(mass))
 
 
+def test_names_may_be_texts_of_numpy(tmp_path):
+    names = np.array(["beam", "spring"])
+    beam = vf.Beam(1.0, 1.0, 1.0, 2, {"left": "clamped"}, name=names[0])
+    scene = vf.Scene([beam], [vf.Spring(beam.at(1.0), stiffness=1.0, name=names[1]), vf.Gravity(1.0)])
+    loaded = saved_and_loaded(vf.simulate(scene, 1.0), tmp_path / "run.vtkhdf")
+    assert [loaded.scene.bodies[0].name, loaded.scene.effects[0].name] == ["beam", "spring"]
+
+
 def test_what_travels_along_a_beam_is_read_whole(tmp_path):
     """Also along one whose stiffness is a Python function, for which the scene is copied."""
     beam = vf.Beam(2.0, lambda x: 1.0 + x, 1.0, 4, {"left": "pinned", "right": "pinned"}, name="b")

@@ -12,6 +12,7 @@ from vofem.bodies.base import Point, as_point
 from vofem.bodies.path import TravellingPoint
 from vofem.histories.run import Run
 from vofem.histories.variables import motion_and_contacts
+from vofem.parameters.kinds import checked_name
 from vofem.scene import Scene
 
 #: Points that are chosen where none are named.
@@ -52,7 +53,9 @@ def named_points(what: str, scene: Scene, points: Mapping[str, Any] | Iterable[A
     if points is None:
         points = points_of_interest(scene)[:MOST]
     if isinstance(points, Mapping):
-        return {name: as_point(f"{what}: {name}", point) for name, point in points.items()}
+        return {
+            checked_name(f"{what}: a name", name): as_point(f"{what}: {name}", point) for name, point in points.items()
+        }
     found: dict[str, Any] = {}
     for point in (as_point(f"{what}: a point", point) for point in listed(points)):
         other = found.get(point.name, point)

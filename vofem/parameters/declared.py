@@ -17,7 +17,7 @@ import numpy as np
 
 from vofem._validate import missing, nearest, public
 from vofem.errors import ArgumentError, VofemError
-from vofem.parameters.kinds import Kind, Name, Unwritable
+from vofem.parameters.kinds import Kind, Name, Unwritable, checked_name
 from vofem.parameters.place import INVALID, Book, Invalid, Place
 
 C = TypeVar("C", bound=type)
@@ -142,9 +142,7 @@ def automatic_name(name: str | None, kind: str) -> str:
     """Return `name`, or a new unique one such as ``'beam-3'``."""
     if name is None:
         return f"{kind.lower()}-{next(_counter)}"
-    if not isinstance(name, str) or not name:
-        raise ArgumentError(f"{kind}: name is {name!r}, expected a non-empty string")
-    return name
+    return checked_name(f"{kind}: name", name)
 
 
 def was_chosen(name: Any) -> bool:

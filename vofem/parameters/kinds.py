@@ -227,10 +227,21 @@ class Name(Kind):
     def write(self, value: Any, book: Book) -> str:
         """Return the string, if it is Unicode text."""
         try:
-            value.encode()
-        except UnicodeEncodeError:
-            raise Unwritable(f"{value!r} has characters that are not valid Unicode; rename it") from None
-        return str(value)
+            return checked_name("a name", value)
+        except ArgumentError as error:
+            raise Unwritable(str(error)) from None
+
+
+def checked_name(what: str, value: Any) -> str:
+    """Return a name as a plain string, which every file can hold, or raise `ArgumentError` naming `what`."""
+    if not isinstance(value, str) or not value:
+        raise wrong(what, repr(value), "a non-empty string")
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        raise wrong(what, repr(value), "text", "; it has characters that are not valid Unicode; rename it") from None
+    # Texts of numpy, such as an entry of an array, are strings too.
+    return str(value)
 
 
 @dataclass(frozen=True)
@@ -241,9 +252,7 @@ class Label(Name):
 
     def check(self, what: str, value: Any) -> str | None:
         """Return the string, or None where there is none."""
-        if value is not None and (not isinstance(value, str) or not value):
-            raise ArgumentError(f"{what} is {value!r}, expected {self.expected}")
-        return value
+        return None if value is None else checked_name(what, value)
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 
 from vofem._validate import nearest, number, one_of, series
 from vofem.arrays import Array
-from vofem.bodies.base import Point, as_point
+from vofem.bodies.base import Point
 from vofem.errors import ArgumentError
+from vofem.histories.tables import named_points
 from vofem.initial import Initial
 from vofem.integrators.base import ProbeRows
 from vofem.integrators.registry import advice, method_named, method_names
@@ -109,15 +110,11 @@ def _check_options(chosen: str, method: str, options: dict[str, Any]) -> None:
 
 def _probe_rows(scene: Scene, probes: Mapping[str, Any] | Iterable[Any]) -> ProbeRows | None:
     """Return names and rows of points to be recorded, or None where there are none."""
-    if not isinstance(probes, Mapping):
-        if isinstance(probes, str) or not isinstance(probes, (Point, Iterable)):
-            raise ArgumentError(
-                f"simulate: probes is {probes!r}, expected points such as beam.at(x), or a dict of names and points"
-            )
-        points = [probes] if isinstance(probes, Point) else list(probes)
-        named = {as_point("simulate: a point of probes", point).name: point for point in points}
-    else:
-        named = {name: as_point(f"simulate: probes[{name!r}]", point) for name, point in probes.items()}
+    if isinstance(probes, str) or not isinstance(probes, (Point, Iterable)):
+        raise ArgumentError(
+            f"simulate: probes is {probes!r}, expected points such as beam.at(x), or a dict of names and points"
+        )
+    named = named_points("simulate: probes", scene, probes)
     return ProbeRows(tuple(named), rows_over(scene.model, scene.bodies, named.values())) if named else None
 
 
