@@ -283,3 +283,20 @@ def test_a_published_mass_between_a_shaken_base_and_a_stop_in_space():
     known = [-3.58004e-4, -1.88702e-4, -1.89840e-4, -7.02148e-5, -1.08559e-4]
     np.testing.assert_allclose(result.displacement(mass), known, rtol=0.0, atol=5e-10)
     assert len(result.contacts["stop"].impacts) > 0
+
+
+def test_pictures_show_a_stop_in_space_where_the_body_meets_it():
+    from vofem.io.plot import time_history
+
+    tip = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="b").at(1.0)
+    wall = vf.Contact(tip, gap=0.02, stiffness=50.0, side="above", acts_on="penetration", frame="space", name="wall")
+    scene = vf.Scene([tip.body], [wall, vf.BaseMotion(tip.body, vf.Sine(3.0, 6.0), displacement=0.0, velocity=-0.5)])
+    run = vf.simulate(scene, 3.0, times=np.linspace(0.0, 3.0, 301))
+    closing = run.contacts["wall"].closings[0]
+    frame = run.frame(closing).warp_by_vector("deflection")
+    contact, stop = (frame.get_cell(int(np.flatnonzero(frame["kind"] == kind)[0])).point_ids for kind in (2, 3))
+    met = run.displacement(tip, [closing])[0]
+    np.testing.assert_allclose(frame.points[[*contact, *stop], 1], met, rtol=1e-8)
+    motion, surface = (line for line in time_history(run, tip)[0].lines if len(line.get_xdata()) > 300)
+    at = np.flatnonzero(motion.get_xdata() == closing)
+    np.testing.assert_allclose(surface.get_ydata()[at], motion.get_ydata()[at], rtol=1e-8)

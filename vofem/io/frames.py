@@ -97,6 +97,8 @@ class Frames:
         known = {c.name: c for c in all_contacts(scene) if not isinstance(c.a, TravellingPoint)}
         shown = [(k, known[name]) for k, name in enumerate(() if laws is None else laws.names) if name in known]
         stops = []
+        #: Of the points of stops: the number of the contact, these points, and the direction away from the body.
+        self._stops: list[tuple[int, IntArray, Array]] = []
         feet: dict[Body, list[tuple[IntArray, Row]]] = {}
         for k, contact in shown:
             ends = []
@@ -106,15 +108,18 @@ class Frames:
                 feet.setdefault(point.body, []).append((ends[-1], point.row()))
             if contact.b is None:
                 up = np.array([*contact.a.body.shape.direction, 0.0])
-                gap = (1.0 if contact.side == "above" else -1.0) * self.magnification * _gap(contact)
-                ends.append(add((at + gap * up)[None, :]))
-                stops.append((k, contact, at + gap * up, _STOP * size * np.array([up[1], -up[0], 0.0])))
+                face = up if contact.side == "above" else -up
+                foot = at + self.magnification * _gap(contact) * face
+                ends.append(add(foot[None, :]))
+                self._stops.append((k, ends[-1], face))
+                stops.append((k, contact, foot, face, _STOP * size * np.array([up[1], -up[0], 0.0])))
             connect(np.stack(ends, axis=1), CONTACT, contact.a.body, contact=k)
         for body, listed in feet.items():
             matrix = stacked([row for _, row in listed], body.size)
             self._parts.append((np.concatenate([points for points, _ in listed]), body, {"eta": matrix}))
-        for k, contact, at, across in stops:
-            connect(add(np.stack([at - across, at + across]))[None, :], STOP, contact.a.body, contact=k)
+        for k, contact, at, face, across in stops:
+            self._stops.append((k, add(np.stack([at - across, at + across])), face))
+            connect(self._stops[-1][1][None, :], STOP, contact.a.body, contact=k)
 
         self.points = np.concatenate(places)
         self.connectivity = np.concatenate([points.ravel() for points, _ in cells])
@@ -140,6 +145,10 @@ class Frames:
                 data[name][:, points] = (matrix @ q[body]).T
             data["velocity"][:, points] = (rows["eta"] @ v[body]).T
             deflection[:, points, :2] = data["eta"][:, points, None] * np.array(body.shape.direction)
+        laws = model.system.contacts
+        for k, points, face in self._stops:
+            assert laws is not None
+            deflection[:, points] = (laws.gaps(k, times) - laws.gap[k])[:, None, None] * face
         return {"deflection": deflection, **data}, self._contact_data(times)
 
     def _contact_data(self, times: Array) -> dict[str, NDArray]:

@@ -98,6 +98,11 @@ class ContactLaws(LawGroup):
         u = samples.along(self.rows[[index]], "q")[0]
         return np.asarray(u + self._more(samples, times, 0)[index] - self.gap[index])
 
+    def gaps(self, index: int, times: Array) -> Array:
+        """Return the gap of one contact at times in the frame of its bodies, in which stops in space move."""
+        rest = np.full(times.shape, self.gap[index])
+        return rest if self.moving is None else rest - self.moving.at(times)[index]
+
     def gap_rate(self, samples: Any, index: int, times: Array) -> Array:
         """Return the rate of the gap function of one contact in m/s at the times of samples."""
         rate = samples.along(self.rows[[index]], "v")[0]

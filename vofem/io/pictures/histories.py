@@ -274,11 +274,14 @@ def _surface(
         return None
     if any(isinstance(p, TravellingPoint) for p in contact.points()):
         return None
+    laws = result.model.system.contacts
+    assert laws is not None
+    gap = laws.gaps(laws.names.index(contact.name), times)
     if contact.b is None:
-        return np.full(times.shape, -contact.gap if contact.side == "below" else contact.gap)
+        return -gap if contact.side == "below" else gap
     if contact.a.body.name == point.body.name:
-        return result.displacement(contact.b, times) + contact.gap
-    return result.displacement(contact.a, times) - contact.gap
+        return result.displacement(contact.b, times) + gap
+    return result.displacement(contact.a, times) - gap
 
 
 def envelope_of(times: Array, values: Array, window: tuple[float, float], parts: int) -> tuple[Array, Array, Array]:

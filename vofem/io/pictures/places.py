@@ -54,7 +54,8 @@ def along_beam(scene: Scene, beam: Body) -> list[Place]:
     """Return the contacts of a beam or another line, those of one-sided foundations too, but none that travel."""
     places = []
     for contact in all_contacts(scene):
-        fixed = contact.b is None and contact.of != "rotation"
+        # A stop in space has no place of its own in the frame of a base that moves.
+        fixed = contact.b is None and contact.of != "rotation" and getattr(contact, "frame", "base") == "base"
         surface = (-contact.gap if contact.side == "below" else contact.gap) if fixed else None
         own = [p for p in contact.points() if p.body is beam and not isinstance(p, TravellingPoint)]
         places += [Place(contact.name, p.x, surface) for p in own]
