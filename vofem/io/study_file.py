@@ -11,13 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import MANY, nearest
 from vofem.arrays import Array
 from vofem.effects.kinds import AtPoint
 from vofem.errors import ArgumentError, SceneFileError, VofemError
-from vofem.histories import ContactHistory
 from vofem.io.scene_file import SceneFile, read_content, scene_text
 from vofem.parameters import changed
 from vofem.parameters.place import Book, Place
@@ -34,13 +32,8 @@ OF_POINTS: dict[str, Callable[[Array], Any]] = {
     "final": lambda u: u[-1],
 }
 
-#: Of a contact, from a time in s on, and at stored times: number of closings, forces in N, share of closed time.
-OF_CONTACTS: dict[str, Callable[[ContactHistory, float, NDArray[np.bool_]], Any]] = {
-    "closings": lambda contact, after, late: np.count_nonzero(contact.closings >= after),
-    "peak_force": lambda contact, after, late: np.abs(contact.force[late]).max(),
-    "rms_force": lambda contact, after, late: np.sqrt(np.mean(np.square(contact.force[late]))),
-    "closed_share": lambda contact, after, late: np.mean(contact.closed[late]),
-}
+#: Of a contact over a window of time: quantities of its statistics. The number of closings is that of its history.
+OF_CONTACTS = ("closings", "peak_force", "rms_force", "closed_share")
 
 #: Of the run as a whole.
 OF_RUNS: dict[str, Callable[[Result], Any]] = {
@@ -50,12 +43,20 @@ OF_RUNS: dict[str, Callable[[Result], Any]] = {
 
 
 def quantity(result: Result, kind: str, of: Any, after: float) -> float:
-    """Return a quantity of a run, a point or a contact over the stored times from `after` on, in s."""
-    late = result.times >= after
+    """Return a quantity of a run, a point or a contact from the time `after` on, in s; of a point, at stored times.
+
+    Raises `ArgumentError` for what a run with steps does not tell of a contact.
+    """
     if kind in OF_POINTS:
-        return float(OF_POINTS[kind](result.displacement(of)[late]))
+        return float(OF_POINTS[kind](result.displacement(of)[result.times >= after]))
+    if kind == "closings":
+        return float(np.count_nonzero(result.contacts[of].closings >= after))
     if kind in OF_CONTACTS:
-        return float(OF_CONTACTS[kind](result.contacts[of], after, late))
+        found = result.contacts[of].statistics((after, result.solution.t_end))
+        value = float(getattr(found, kind))
+        if np.isnan(value):
+            raise ArgumentError(f"{kind} of contact {of!r} is not known: {found.why}")
+        return value
     return float(OF_RUNS[kind](result))
 
 
