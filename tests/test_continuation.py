@@ -5,7 +5,9 @@ the reference data.
 """
 
 import json
+import shutil
 from decimal import Decimal
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -415,6 +417,25 @@ def test_a_branch_is_saved_and_loaded(tmp_path):
         loaded.switch(loaded.special[0])
     with pytest.raises(vf.OutputError):
         branch.save(path)
+
+
+def on_a_stop(beam):
+    """Return the tip of a cantilever on a stop, and three orbits of it."""
+    tip = beam.at("right")
+    stop = vf.Contact(tip, gap=0.002, stiffness=10.0, side="below", acts_on="penetration", name="stop")
+
+    def build(omega):
+        return vf.Scene([beam], [stop, vf.PointLoad(tip, vf.Sine(0.02, omega)), vf.ModalDamping(0.02)])
+
+    return tip, vf.continuation(build, 1.0, 1.2, max_points=3)
+
+
+def test_a_branch_needs_no_mesh_file(tmp_path):
+    mesh = Path(shutil.copy(Path(__file__).parent.parent / "meshes" / "beam25.msh", tmp_path / "beam.msh"))
+    tip, branch = on_a_stop(vf.Beam.from_mesh(mesh, 1.0, 1.0, {"left": "clamped"}, name="b"))
+    path = branch.save(tmp_path / "branch.h5")
+    mesh.unlink()
+    assert vf.load(path).amplitude(tip) == pytest.approx(branch.amplitude(tip), rel=1e-12)
 
 
 def test_orbits_of_a_loaded_branch_on_all_sheets(masses_branch, tmp_path):

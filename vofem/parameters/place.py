@@ -28,6 +28,7 @@ class Book:
     #: Names of those that could not: what refers to them is not reported again.
     broken: set[str] = field(default_factory=set)
     problems: list[tuple[str, str]] = field(default_factory=list)  #: Key path and message.
+    whole: bool = False  #: Whether a scene is written with the nodes of meshes, not with the paths of their files.
 
 
 @dataclass(frozen=True)

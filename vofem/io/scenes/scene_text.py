@@ -210,15 +210,18 @@ def scene_to_toml(
     output: OutputSettings | None = None,
     folder: Path | None = None,
     respond: RespondSettings | None = None,
+    *,
+    whole: bool = False,
 ) -> str:
     """Return the text of a scene file.
 
     `folder`: where the file will be: paths of meshes are made relative to it. The current folder where not given.
+    `whole`: whether nodes of meshes are written, so that no mesh file is needed, in place of these paths.
     Raises `SceneFileError` if a scene file cannot hold something: callables, and initial states that are outcomes; or
     if no number stands where `respond` says. All of it is listed.
     """
     as_scene("scene_to_toml", scene)
-    book = Book(Path.cwd() if folder is None else folder, {body.name: body for body in scene.bodies})
+    book = Book(Path.cwd() if folder is None else folder, {body.name: body for body in scene.bodies}, whole=whole)
     root = Place(book)
     blocks = []
     if run is not None:

@@ -119,9 +119,12 @@ def _is_number(text: str) -> bool:
 def values_of_beam(beam: Beam, place: Place) -> tuple[dict[str, Any], dict[str, str]]:
     """Return the values of a beam as scene files hold them, and the key of its mesh where it has one."""
     values = values_of(beam)
-    values["supports"] = {_place(beam, node): kind for node, kind in beam.supports.items()} or None
+    points = {} if beam.mesh is None or place.book.whole else beam.mesh.points
+    values["supports"] = {_place(beam, node, points): kind for node, kind in beam.supports.items()} or None
     if beam.mesh is None:
         return values, {}
+    if place.book.whole:
+        return values | {"elements": beam.nodes}, {}
     if beam.mesh_file is None:
         raise Unwritable(f"{beam!r} is on a mesh that came from no file; use Beam.from_mesh")
     values |= {name: _by_subdomain(values[name], beam.mesh) for name in ("EI", "rhoA")}
@@ -129,11 +132,10 @@ def values_of_beam(beam: Beam, place: Place) -> tuple[dict[str, Any], dict[str, 
     return values, {"mesh": MESH.write(beam.mesh_file, place.book)}
 
 
-def _place(beam: Beam, node: int) -> str:
-    """Return the name of a node, or its x as a string."""
+def _place(beam: Beam, node: int, points: Mapping[str, Any]) -> str:
+    """Return the name of a node among the points of a mesh, or its x as a string."""
     if node in (0, len(beam.nodes) - 1):
         return "right" if node else "left"
-    points = beam.mesh.points if beam.mesh is not None else {}
     for name, nodes in points.items():
         if nodes.tolist() == [node] and name not in ("left", "right"):
             return name

@@ -65,7 +65,7 @@ def save(curve: Branch | Locus, path: str | os.PathLike[str], *, overwrite: bool
         "counters": asdict(curve.counters),
         "notes": list(curve.notes),
         "interrupted": curve.interrupted,
-        "orbits": _orbits(orbits, goal.parent),
+        "orbits": _orbits(orbits),
         **own,
     }
     with writing(goal, overwrite=overwrite) as blocks:
@@ -75,12 +75,12 @@ def save(curve: Branch | Locus, path: str | os.PathLike[str], *, overwrite: bool
     return goal
 
 
-def _orbits(orbits: Sequence[PeriodicOrbit], folder: Path) -> dict[str, Any]:
+def _orbits(orbits: Sequence[PeriodicOrbit]) -> dict[str, Any]:
     """Return what is kept of orbits; those of one branch have the same numbers of unknowns and multipliers."""
     texts, problems = [], []
     for orbit in orbits:
         try:
-            texts.append(scene_to_toml(orbit.scene, folder=folder))
+            texts.append(scene_to_toml(orbit.scene, whole=True))
             problems.append("")
         except SceneFileError as error:
             texts.append("")
