@@ -438,6 +438,16 @@ def test_a_branch_needs_no_mesh_file(tmp_path):
     assert vf.load(path).amplitude(tip) == pytest.approx(branch.amplitude(tip), rel=1e-12)
 
 
+def test_a_branch_whose_scenes_a_file_cannot_hold_says_so(tmp_path):
+    tip, branch = on_a_stop(vf.Beam(1.0, lambda x: 1.0 + x, 1.0, 4, {"left": "clamped"}, name="b"))
+    loaded = vf.load(branch.save(tmp_path / "branch.h5"))
+    assert loaded.notes == branch.notes
+    assert "branch.h5 holds the numbers of orbits, but not their motion" in loaded.notes[-1]
+    assert np.array_equal(loaded.omega, branch.omega)
+    with pytest.raises(vf.MissingCallableError, match="callable"):
+        loaded.amplitude(tip)
+
+
 def test_orbits_of_a_loaded_branch_on_all_sheets(masses_branch, tmp_path):
     """Between the folds there are three orbits; a number that is a power of the parameter is found between scenes."""
     branch = masses_branch

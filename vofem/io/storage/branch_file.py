@@ -51,27 +51,34 @@ FORMAT = 4
 
 
 def save(curve: Branch | Locus, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-    """Write a branch or a locus to one file; see `vofem.Branch.save`."""
+    """Write a branch or a locus to one file; see `vofem.Branch.save`.
+
+    That a scene has no text, such as one with Python functions, is noted in the file and at the curve.
+    """
     goal = target(path, SUFFIXES)
     own: dict[str, Any]
     if isinstance(curve, Branch):
         own, listed = {"periods": int(curve.periods)}, list(curve.orbits)
     else:
         own, listed = {"kind": curve.kind, "contact": curve.contact}, []
-    orbits = [*listed, *(point.orbit for point in curve.special)]
+    orbits = _orbits([*listed, *(point.orbit for point in curve.special)])
+    notes = list(curve.notes)
+    for problem in [" ".join(text.split()) for text in orbits["problems"] if text][:1]:
+        notes.append(f"the file {goal.name} holds the numbers of orbits, but not their motion: {problem}")
     record = {
         "values": curve.values,
         "special": [(s.kind, float(s.value), s.contact, float(s.place), float(s.other)) for s in curve.special],
         "counters": asdict(curve.counters),
-        "notes": list(curve.notes),
+        "notes": notes,
         "interrupted": curve.interrupted,
-        "orbits": _orbits(orbits),
+        "orbits": orbits,
         **own,
     }
     with writing(goal, overwrite=overwrite) as blocks:
         group = blocks.file.create_group(BRANCH if isinstance(curve, Branch) else LOCUS, track_order=True)
         mark_format(group, FORMAT)
         write_tree(group, record)
+    curve.notes[:] = dict.fromkeys(notes)
     return goal
 
 
