@@ -280,6 +280,16 @@ def test_missing_and_foreign_files(tmp_path):
         vf.load(3)
 
 
+@pytest.mark.parametrize("read", [vf.load, vf.resume, vf.load_scene])
+def test_a_folder_that_may_not_be_entered(read, tmp_path):
+    folder = tmp_path / "closed"
+    folder.mkdir(mode=0)
+    if os.access(folder, os.X_OK):
+        pytest.skip("this user may enter every folder")
+    with pytest.raises(vf.VofemError, match="Permission denied"):
+        read(folder / "run.h5")
+
+
 def test_files_of_other_kinds_are_named_with_the_function_that_reads_them(tmp_path):
     mass = vf.Mass(1.0, 1.0, name="mass")
     scene = vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, 0.5))])

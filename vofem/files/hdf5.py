@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import stat
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
@@ -163,16 +164,17 @@ def reading(path: str | os.PathLike[str], expected: str = "a file that Result.sa
     Raises `StorageError` if the file is missing, no HDF5 file, or damaged.
     """
     place = path_of(path, expected)
-    if not place.is_file():
-        what = "is no regular file" if place.exists() else "does not exist"
-        what = "is a folder" if place.is_dir() else what
-        raise StorageError(f"{place} {what}, expected {expected}; check the path")
     try:
+        if not stat.S_ISREG(os.stat(place).st_mode):
+            what = "is a folder" if place.is_dir() else "is no regular file"
+            raise StorageError(f"{place} {what}, expected {expected}; check the path")
         _verify(place)
         with h5py.File(place, "r") as file:
             yield file
     except VofemError:
         raise
+    except (FileNotFoundError, NotADirectoryError):
+        raise StorageError(f"{place} does not exist, expected {expected}; check the path") from None
     except Exception as error:
         raise StorageError(f"{place} {_complaint(place, error, expected)}") from error
 

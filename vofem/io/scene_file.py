@@ -190,7 +190,9 @@ def _text(file: Path) -> str:
         message = f"the file does not exist; relative paths start at '{Path.cwd()}'{nearest(file.name, others)}"
         raise SceneFileError(str(file), [("", message)]) from None
     except OSError as error:
-        what = "this is a directory, expected a scene file" if file.is_dir() else f"the file cannot be read: {error}"
+        # Of a folder that may not be entered, methods of Path raise.
+        folder_itself = os.path.isdir(file)
+        what = "this is a directory, expected a scene file" if folder_itself else f"the file cannot be read: {error}"
         raise SceneFileError(str(file), [("", what)]) from error
     try:
         return raw.decode("utf-8-sig")

@@ -43,10 +43,10 @@ def checkpoint_writer(path: str | os.PathLike[str], scene: Scene) -> Writers:
 
 
 def identity_of(file: Path) -> tuple[int, int, int] | None:
-    """Return numbers that change whenever a file is written anew; None where there is no file."""
+    """Return numbers that change whenever a file is written anew; None where no file can be seen."""
     try:
         status = os.stat(file)
-    except FileNotFoundError:
+    except OSError:
         return None
     return status.st_dev, status.st_ino, status.st_mtime_ns
 
