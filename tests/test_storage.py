@@ -487,7 +487,7 @@ def test_command_line_saves_and_renders(tmp_path, monkeypatch, capsys):
     # An existing file is found before the run, not after it.
     assert cli.main(["run", "ball.toml", "--save", "ball.vtkhdf", "--no-pictures"]) == 1
     captured = capsys.readouterr()
-    assert "exists already" in captured.err
+    assert "exists already and was left as it is; add --overwrite, or choose another name" in captured.err
     assert "energy balance" not in captured.out
     assert Path("ball.vtkhdf").read_bytes() == before
     assert cli.main(["run", "ball.toml", "--save", "ball.vtkhdf", "--overwrite", "--no-pictures"]) == 0

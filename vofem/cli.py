@@ -162,6 +162,12 @@ def _output(arguments: argparse.Namespace, source: Path) -> Path:
     return _made(arguments.output or Path("output") / source.stem)
 
 
+def _keep_what_exists(file: Path, overwrite: bool, cure: str) -> None:
+    """Raise `OutputError` where a file would be replaced that is to be kept."""
+    if os.path.isfile(file) and not overwrite:
+        raise OutputError(f"{file} exists already and was left as it is; add --overwrite, or {cure}")
+
+
 def _made(folder: Path) -> Path:
     """Return a folder, made where it is missing."""
     try:
@@ -280,6 +286,7 @@ def _run(arguments: argparse.Namespace) -> int:
         from vofem.io.storage.run_file import check_target
 
         arguments.save = folder / "run.vtkhdf" if arguments.save == Path() else arguments.save
+        _keep_what_exists(arguments.save, arguments.overwrite, "choose another name")
         check_target(arguments.save, arguments.overwrite)
     with blas_threads(file.scene.model.system.size):
         return _simulated(arguments, file, folder)
@@ -431,8 +438,7 @@ def _respond(arguments: argparse.Namespace) -> int:
         point = point_named(file.scene, arguments.point)
     folder = _output(arguments, arguments.scene)
     saved = folder / "branch.h5"
-    if saved.exists() and not arguments.overwrite:
-        raise ArgumentError(f"{saved} exists; add --overwrite, or choose another folder by --output")
+    _keep_what_exists(saved, arguments.overwrite, "choose another folder by --output")
     branch = continuation(
         file.at, arguments.start, arguments.stop, progress=True if sys.stderr.isatty() else None, **options
     )
