@@ -314,7 +314,7 @@ def test_what_has_no_form_in_toml_is_listed(tmp_path):
     assert not (tmp_path / "s.toml").exists()
 
 
-def test_foreign_effects_and_outcomes_cannot_be_written():
+def test_foreign_effects_and_outcomes_cannot_be_written(tmp_path):
     class Mine(vf.Gravity):
         pass
 
@@ -324,6 +324,9 @@ def test_foreign_effects_and_outcomes_cannot_be_written():
     with pytest.raises(vf.SceneFileError, match="NonlinearSpring cannot be written to a scene file") as caught:
         scene_to_toml(scene)
     assert [path for path, _ in caught.value.problems] == ["effects[0]", "effects[1]", "initial"]
+    springs = [vf.Spring(mass, stiffness=1.0, name="s"), vf.Spring(mass, stiffness=2.0, name="s")]
+    with pytest.raises(vf.SceneFileError, match=r"spring\[1\]\.name: 's' is already the name of spring\[0\]"):
+        vf.dump_scene(vf.Scene([mass], springs), tmp_path / "scene.toml")
     with pytest.raises(vf.ArgumentError, match=r"expected a vofem\.Scene"):
         vf.dump_scene(mass, "x.toml")
     with pytest.raises(vf.OutputError):

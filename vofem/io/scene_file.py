@@ -159,8 +159,8 @@ def dump_scene(
     ArgumentError
         If the path has another suffix.
     SceneFileError
-        If the scene contains something that a scene file cannot hold, such as a Python function, or if no number
-        stands where `respond` says.
+        If the scene contains something that a scene file cannot hold, such as a Python function or two springs of one
+        name, or if no number stands where `respond` says.
     OutputError
         If the file cannot be written.
     """

@@ -136,12 +136,15 @@ def _check_names(order: list[Item], book: Book) -> None:
         body = kind in BODIES
         if not isinstance(name, str) or not name or not (body or "name" in keys(EFFECTS[kind])):
             continue
-        group = "body" if body else kind
-        if (group, name) in first:
-            place.key("name").report(f"{name!r} is already the name of {first[group, name]}; give each its own")
-        first.setdefault((group, name), place.path)
+        _note_name("body" if body else kind, name, place, first)
         if body:
             book.broken.add(name)
+
+
+def _note_name(group: str, name: str, place: Place, first: dict[tuple[str, str], str]) -> None:
+    """Report a name that another thing of its group has, by the place of the `first` one."""
+    if first.setdefault((group, name), place.path) != place.path:
+        place.key("name").report(f"{name!r} is already the name of {first[group, name]}; give each its own")
 
 
 def _body(kind: str, table: Any, place: Place) -> Any:
@@ -253,6 +256,7 @@ def _check_parameter(text: str, respond: RespondSettings) -> None:
 
 def _texts(things: tuple[Any, ...], known: Mapping[str, type], root: Place) -> list[str]:
     counts: dict[str, int] = {}
+    first: dict[tuple[str, str], str] = {}
     blocks = []
     for k, thing in enumerate(things):
         name = next((name for name, cls in known.items() if type(thing) is cls), None)
@@ -264,6 +268,8 @@ def _texts(things: tuple[Any, ...], known: Mapping[str, type], root: Place) -> l
             continue
         place = root.key(name).index(counts.get(name, 0))
         counts[name] = counts.get(name, 0) + 1
+        if getattr(thing, "name", None) is not None:
+            _note_name(name, thing.name, place, first)
         blocks.append(toml_text.table(f"[[{name}]]", write_table(thing, place)))
     return blocks
 
