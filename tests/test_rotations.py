@@ -256,4 +256,5 @@ def test_effects_of_one_name_keep_their_units_and_their_columns():
     frame = run.to_dataframe([mass])
     assert np.array_equal(frame["x force [N]"], run.contacts["x"].force)
     assert np.array_equal(frame["friction x force [N]"], run.frictions["x"].force)
+    assert np.array_equal(frame["friction x slip speed [m/s]"], run.frictions["x"].slip_speed)
     assert run.to_xarray().spring_unit.values.tolist() == ["N m"]

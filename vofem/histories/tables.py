@@ -74,10 +74,10 @@ def history_columns(run: Run, points: dict[str, Any]) -> dict[str, tuple[NDArray
     columns: dict[str, tuple[NDArray, str]] = {}
     for over, names in _COLUMNS.items():
         values = {name: found[name].at() for name in names if name in found}
+        words = {name: name.removeprefix(f"{over}_").replace("_", " ") for name in values}
         for k, label in enumerate(found[over].at().tolist() if values else ()):
+            while any(f"{label} {word}" in columns for word in words.values()):
+                label = f"{over} {label}"
             for name, block in values.items():
-                head = f"{label} {name.removeprefix(f'{over}_').replace('_', ' ')}"
-                while head in columns:
-                    head = f"{over} {head}"
-                columns[head] = block[:, k], found[name].unit(k)
+                columns[f"{label} {words[name]}"] = block[:, k], found[name].unit(k)
     return columns
