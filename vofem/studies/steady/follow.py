@@ -21,7 +21,7 @@ from vofem.studies.steady.family import Family, Interval
 from vofem.studies.steady.near import polished, signature_at
 from vofem.studies.steady.point import ORIGIN, Point, corrected, level, point_at, scales_of
 from vofem.studies.steady.problem import OutOfTime
-from vofem.studies.steady.shooting import Shooting
+from vofem.studies.steady.shooting import CLOSES, Shooting, relative
 from vofem.studies.steady.signature import Signature, signature_of
 from vofem.studies.steady.special import SpecialPoint, special_at
 from vofem.studies.steady.touching import Passage, ending, passage, resting, what_contacts_do
@@ -341,7 +341,7 @@ class Follower:
             return now
         new, y = signature_of(problem, chart.flow(problem, now.y[:-1]))
         found = polished(new.evaluate(problem, y))
-        if found is None or not found.repeats:
+        if found is None or relative(found.y[:n] - now.y[:n], found.sizes) > CLOSES or not found.repeats:
             return now
         scales = scales_of(self.family, new, problem, found)
         towards = np.zeros(scales.size)

@@ -908,6 +908,7 @@ class Signature:
         rests = list[tuple[int, float, float]]()
         for k, (contact, status) in enumerate(self.switches):
             if not laws.rigid[contact] or self.statuses[k][contact] == PINNED:
+                latest.pop(contact, None)
                 continue
             speed = float(rows[contact] @ evaluation.path.ends[k, n:])
             fastest[contact] = max(speed, fastest.get(contact, 0.0))
