@@ -114,6 +114,22 @@ def test_two_folds_meet_at_a_cusp():
     assert apart[0] == pytest.approx([cusp.value] * 2, abs=1e-3)
 
 
+def test_folds_beside_a_grazing_meet_at_a_cusp():
+    """The touch is short at first, so that equations and null vectors change fast; either fold leads to the other."""
+
+    def build(omega, stiffness=20.0, damping=0.1):
+        mass = vf.Mass(1.0, stiffness=1.0, damping=damping, name="mass")
+        stop = vf.Contact(mass, gap=0.3, stiffness=stiffness, side="above", acts_on="penetration", name="stop")
+        return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(0.5, omega))])
+
+    upper, lower = (s for s in vf.continuation(build, 0.6, 0.75).special if s.kind == "fold")
+    by_stiffness = vf.locus(build, upper, 20.0, 2.0)
+    by_damping = vf.locus(lambda omega, damping: build(omega, damping=damping), lower, 0.1, 0.4, max_points=100)
+    for found, first, last in ((by_stiffness, upper, lower), (by_damping, lower, upper)):
+        assert found.values[[0, -1], 0] == pytest.approx([first.value, last.value], abs=1e-10)
+        assert [one.kind for one in found.special] == ["cusp"]
+
+
 def test_branch_points_of_a_symmetric_scene():
     """Both branch points are ends of one curve; they exist for equal stops alone."""
     points = vf.continuation(lambda w: between_stops(w, 0.65), 0.75, 1.2).special

@@ -72,6 +72,7 @@ class ExtendedEvaluation:
     #: Second derivative of the equations along the null vector, on the left null vector: zero at a cusp of folds.
     bend: float = np.nan
     critical: tuple[complex, ...] = ()  #: The multipliers that make the orbit special.
+    turned: float = 1.0  #: Inverse cosine of the largest angle between a null vector and its border.
 
     def __getattr__(self, name: str) -> Any:
         """Return what is known of the orbit: sizes, motion, extremes, and whether it repeats."""
@@ -193,7 +194,8 @@ class Extended:
                     )
             else:
                 jacobian[m, :m], jacobian[m, -1] = slopes[0], slope
-        return ExtendedEvaluation(now, residual, jacobian, error, bend, critical.get(self.kind, (1.0 + 0.0j,)))
+        turned = max(float(np.linalg.norm(one, axis=0).max()) for one in (test.right, test.left))
+        return ExtendedEvaluation(now, residual, jacobian, error, bend, critical.get(self.kind, (1.0 + 0.0j,)), turned)
 
     def _orbit(self, problem: Any, y: Array, *, derivative: bool = True) -> Any:
         """Return the equations of the orbit, those of switches in units that stay, so that derivatives are exact."""
@@ -276,8 +278,8 @@ class Extended:
         rows_count, columns_count = matrix.shape
         if self._borders is None:
             columns = np.append(self.inner.scales(problem, now), self.size)[:columns_count]
-            norms = np.linalg.norm(matrix * columns, axis=1)
-            rows = 1.0 / np.where(norms > 0.0, norms, 1.0)
+            # Not the norms of this matrix, which is singular: near to it its left null vector would turn fast.
+            rows = 1.0 / columns[:rows_count]
             left, _, right = np.linalg.svd(rows[:, None] * matrix * columns)
             few = 1 + columns_count - rows_count
             self._borders = _Borders(rows, columns, left[:, -1:], right[-few:].conj().T)
@@ -380,6 +382,10 @@ class Extended:
         first = int(np.searchsorted(self.phases(y) - self.inner.anchor, passed))
         held = (self.held - first) % len(inner.switches) if self.held >= 0 else -1
         return self._like(inner, held), np.append(changed, y[m:]), begins, np.append(turned[:-1], tangent[m:])
+
+    def with_new_borders(self) -> Extended:
+        """Return the chart with borders that are taken from its next evaluation."""
+        return self._like(self.inner, self.held)
 
     def _like(self, inner: Any, held: int) -> Extended:
         return Extended(inner, self.family, self.kind, self.size, held)

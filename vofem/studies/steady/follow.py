@@ -6,7 +6,7 @@ import contextlib
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import KW_ONLY, dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -81,6 +81,12 @@ class Follower:
     `noun`: what is followed, for notes.
     `steps`: the steps from each point to the next; None if both are one orbit in other coordinates.
     """
+
+    #: What to do where the curve is lost.
+    onward: ClassVar[str] = (
+        "follow from an orbit beyond: vofem.continuation(..., guess=) with a run there that has settled, or with "
+        "periods="
+    )
 
     family: Family
     _: KW_ONLY
@@ -213,8 +219,7 @@ class Follower:
             rounded = "; one touch after another magnifies rounding, so that it decides the direction of the branch"
         return (
             f"the {self.noun} was lost at {now.value:.12g}: Newton's method does not converge for the smallest "
-            f"step{self._why}{what_contacts_do(now)}{rounded}. To go on, follow from an orbit beyond: "
-            "vofem.continuation(..., guess=) with a run there that has settled, or with periods="
+            f"step{self._why}{what_contacts_do(now)}{rounded}. To go on, {self.onward}"
         )
 
     def _within(self, now: Point, step: float) -> tuple[float, float | None]:

@@ -53,6 +53,9 @@ _UNFOLDED, _UNFOLDS = 1e-7, 1e-5
 #: Frequency of the loads, over that of the first orbit, below which periods count as infinite.
 _SLOWEST = 1e-3
 
+#: Inverse cosine of the angle to its border from which on a null vector replaces it.
+_TURNED = 2.0
+
 _PAIR = "neimark_sacker"
 
 
@@ -184,6 +187,8 @@ def locus(
 class _Walk(Follower):
     """Follows a special orbit."""
 
+    onward = "begin at a special point of this kind on a branch for a value of the other parameter beyond"
+
     def located(self, step: Step, earlier: Step | None) -> list[SpecialPoint]:
         """Return the points of a step at which the locus is special. It shows its own turns."""
         kind, middle = step.first.chart.kind, step.first
@@ -225,6 +230,13 @@ class _Walk(Follower):
             self._end(after, "where branches no longer meet, as in scenes that are not symmetric")
         else:
             super()._take(step, point)
+
+    def _recentred(self, now: Point) -> Point:
+        """Return a point with its anchor away from all switches, and with borders that are near its null vectors."""
+        now = super()._recentred(now)
+        if now.evaluation.turned < _TURNED:
+            return now
+        return point_at(self.family, now.chart.with_new_borders(), now.y, now.tangent, near=now.evaluation)
 
     def _end(self, point: Point, why: str) -> None:
         self._over = True
