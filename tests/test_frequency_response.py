@@ -118,6 +118,16 @@ def test_loads_act_together_in_the_ratio_of_their_amplitudes():
     np.testing.assert_allclose(response.displacement(b), 3.0j / (1.0 - 2.0 * omega**2), rtol=1e-14)
 
 
+def test_a_load_of_negative_frequency_is_what_its_formula_says():
+    """``sin(1 - omega t)`` is ``sin(omega t + pi - 1)``."""
+    mass = vf.Mass(2.0, stiffness=3.0, damping=0.2, name="m")
+    scene = vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(0.7, 2.0, 0.4)), vf.PointLoad(mass, vf.Sine(0.3, -2.0, 1.0))])
+    force = 0.7 * np.exp(0.4j) + 0.3 * np.exp(1j * (np.pi - 1.0))
+    response = vf.frequency_response(scene, [1.0 / np.pi], loads="scene").displacement(mass)
+    np.testing.assert_allclose(response, force / (3.0 - 8.0 + 0.4j), rtol=1e-14)
+    assert abs(response[0]) == pytest.approx(vf.periodic(scene).amplitude(mass), rel=1e-12)
+
+
 def test_what_has_no_response_is_refused():
     mass = vf.Mass(1.0, stiffness=4.0, name="m")
     load = vf.PointLoad(mass, vf.Sine(1.0, omega=1.0))

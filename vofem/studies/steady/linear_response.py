@@ -167,7 +167,9 @@ def _force(what: str, system: System) -> tuple[Complex, complex]:
 def _amplitude(what: str, name: str, function: Any) -> complex:
     """Return ``a exp(i phase)`` of a load, 0 for a constant one."""
     if isinstance(function, Sine):
-        return complex(function.amplitude * np.exp(1j * function.phase))
+        amplitude = complex(function.amplitude * np.exp(1j * function.phase))
+        # sin(-omega t + phase) = -sin(omega t - phase)
+        return -amplitude.conjugate() if function.omega < 0.0 else amplitude
     if isinstance(function, Scaled):
         return function.factor * _amplitude(what, name, function.function)
     if isinstance(function, Sum):
