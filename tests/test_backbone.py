@@ -67,6 +67,15 @@ def test_levels_by_amplitude_and_in_any_order():
     assert vf.backbone(scene, 1, amplitudes=amplitudes).omega == pytest.approx(by_energy.omega, rel=1e-12)
 
 
+def test_the_amplitude_is_that_of_the_degree_of_freedom_that_is_largest_in_the_mode():
+    """Beyond the gap the other mass, which no stop holds, moves farther."""
+    a, b = vf.Mass(1.0, stiffness=1.0, name="a"), vf.Mass(1.02, stiffness=1.0, name="b")
+    stop = vf.Contact(b, gap=1.0, stiffness=30.0, side="above", acts_on="penetration")
+    branch = vf.backbone(vf.Scene([a, b], [vf.Spring(a, b, stiffness=0.7), stop]), 1, amplitudes=[0.5, 2.0])
+    assert branch.q0(b) == pytest.approx([-0.5, -2.0], rel=1e-12)
+    assert list(np.abs(branch.q0(a)) > np.abs(branch.q0(b))) == [False, True]
+
+
 @pytest.mark.parametrize("amplitude", [5e-4, 1e-3, 0.02])
 def test_the_amplitude_beside_a_stop_that_presses(amplitude):
     """Energies and frequencies follow from two parabolas; small ones begin on the side of the stop."""

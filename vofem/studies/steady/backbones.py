@@ -74,8 +74,9 @@ def backbone(
     energies : array_like, shape (k,), optional
         Energies of the oscillations in J, positive.
     amplitudes : array_like, shape (k,), optional
-        Amplitudes in m, given instead of energies. The amplitude is the largest displacement of any degree of freedom
-        at the instant of rest.
+        Amplitudes in m, given instead of energies. The amplitude is the displacement at the instant of rest of one
+        degree of freedom: the translation that is largest in the shape of the mode, the first one of equal ones. Where
+        contacts change the shape, others may move farther.
     max_points : int
         Largest number of orbits that are computed beyond a turn of the backbone, on the way to a level.
 
