@@ -81,6 +81,17 @@ def test_a_store_gives_the_same_diagram_without_computing(tmp_path, monkeypatch)
     assert np.all(np.isfinite(first.samples["down"]))
 
 
+def test_runs_that_fail_leave_the_others_alone():
+    def build(omega):
+        return {0.7: lambda: None, 0.8: lambda: oscillator(1.0 / 0, 0.1)}.get(omega, lambda: oscillator(omega, 0.1))()
+
+    found = vf.bifurcation_diagram(build, [0.6, 0.7, 0.8, 0.9], periods=2, skip=3, executor="serial")
+    for samples in found.samples.values():
+        assert np.isnan(samples[0, 0, :, 0]).tolist() == [False, True, True, False]
+    assert len(found.failed) == 6
+    assert sum("scene is None, expected a vofem.Scene" in message for message in found.failed) == 3
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import choice, listed, name_of, series, unknown, whole
 from vofem.arrays import Array
-from vofem.errors import ArgumentError, VofemError
+from vofem.errors import ArgumentError
 from vofem.initial import StoredState
-from vofem.scene import Scene
+from vofem.scene import Scene, as_scene
 from vofem.simulate.simulation import simulate
 from vofem.studies.steady.loads import load_period
 from vofem.studies.steady.stroboscope import poincare
@@ -239,7 +239,7 @@ def _beside(options: SweepOptions, part: str) -> SweepOptions:
 
 
 def _from_rest(value: float, build: Callable[[float], Scene], how: Stroboscope) -> dict[str, Any]:
-    scene = build(value)
+    scene = as_scene("bifurcation_diagram", build(value))
     samples, period, _ = how.samples(scene)
     return {"looks": samples, "names": how.names(scene), "period": period}
 
@@ -250,12 +250,11 @@ def _chain(values: Sequence[float], build: Callable[[float], Scene], how: Strobo
     found: list[Array] = []
     errors: list[str] = []
     for value in values:
-        scene = build(value)
         error = ""
         try:
-            samples, _, end = how.samples(scene, end)
-        except VofemError as fault:
-            samples = np.full((2, len(how.names(scene)), how.periods), np.nan)
+            samples, _, end = how.samples(as_scene("bifurcation_diagram", build(value)), end)
+        except Exception as fault:  # As in a sweep, whatever `build` raises.
+            samples = np.full((2, len(how.points) or 1, how.periods), np.nan)
             error = f"value {value!r}: {type(fault).__name__}: {fault}"
         found.append(samples)
         errors.append(error)
