@@ -108,6 +108,14 @@ def test_arguments_that_cannot_serve_are_refused(arguments, message):
         vf.bifurcation_diagram(**given)
 
 
+def test_one_sample_tells_of_no_repetition():
+    kept = {"periods": 1, "skip": 3, "executor": "serial"}
+    with pytest.raises(vf.ArgumentError, match="periods is 1, expected"):
+        vf.basins(oscillator(0.8, 0.2), {"displacement": [0.0], "velocity": [0.0]}, **kept)
+    with pytest.raises(vf.ArgumentError, match="periods of the diagram is 1, expected"):
+        vf.bifurcation_diagram(nlvib_03, [0.6], follow=False, **kept).order()
+
+
 def test_basins_tell_attractors_apart():
     found = vf.basins(
         nlvib_03(0.68), {"q1": [-2.0, -1.0, 0.0, 0.9]}, start=lambda q1: {FIRST: (q1, 0.0), SECOND: (0.0, 0.0)},

@@ -10,7 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import number, wrong
+from vofem._validate import number, whole, wrong
 from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.scene import Scene, as_scene
@@ -91,7 +91,7 @@ def basins(
         ``start(**point)`` returns the initial state for a point of the grid, in a form that `vofem.simulate` takes.
         Without it the names of the grid are ``displacement`` and ``velocity``, in m and m/s, of the only body.
     periods : int
-        Number of samples, one in each period of the loads. Attractors are
+        Number of samples, one in each period of the loads, at least 2. Attractors are
         recognised if they repeat after at most half as many periods.
     skip : int
         Periods of the loads before the first sample: the transient.
@@ -118,7 +118,7 @@ def basins(
     """
     as_scene("basins", scene)
     tolerance = number("basins: tolerance", tolerance, positive=True)
-    how = stroboscope("basins", points, period, periods, skip, method)
+    how = stroboscope("basins", points, period, whole("basins: periods", periods, least=2), skip, method)
     if not isinstance(grid, Mapping):
         raise wrong("basins: grid", repr(grid), "a dict of names to values")
     if start is None:

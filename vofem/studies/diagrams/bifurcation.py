@@ -153,8 +153,14 @@ class BifurcationDiagram:
         tolerance : float
             Difference up to which samples count as equal, relative to the largest sample of the point; velocities are
             compared with displacements too, as in a harmonic motion.
+
+        Raises
+        ------
+        ArgumentError
+            For a diagram of one sample at each value: a motion repeats only if two of them are equal.
         """
         choice("BifurcationDiagram: start", start, tuple(self.samples))
+        whole("BifurcationDiagram.order: periods of the diagram", self.samples[start].shape[-1], least=2)
         samples, known = self.samples[start], np.where(np.isfinite(self.period), self.period, np.nanmax(self.period))
         allowed = tolerance * sizes_of(samples, known)[..., None]
         orders = [order_of(samples[:, :, k], allowed[:, :, k]) for k in range(self.values.size)]
