@@ -196,6 +196,15 @@ def test_a_chaotic_oscillator_has_a_positive_exponent():
     assert np.mean(logs) == pytest.approx(found.exponents[0], abs=0.05)
 
 
+def test_a_free_oscillation_is_not_taken_for_chaos():
+    """Its frequency depends on its energy, so perturbations grow like t."""
+    mass, scene = on_stop(vf.Mass(1.0, stiffness=10.0), gap=0.01, stiffness=50.0)
+    free = vf.Scene([mass], scene.contacts, initial={mass: (-0.05, 0.0)})
+    for skip in (0.0, 100.0):
+        (exponent,) = vf.lyapunov(free, 1000.0, skip=skip).exponents
+        assert 0.0 < exponent < np.log(np.sqrt(10.0) * (1000.0 - skip)) / (1000.0 - skip)
+
+
 def test_exponents_without_loads():
     mass = vf.Mass(1.0, stiffness=4.0, damping=0.4)
     found = vf.lyapunov(vf.Scene([mass], initial={mass: (1.0, 0.0)}), 100.0, count=2)

@@ -43,7 +43,8 @@ class LyapunovExponents:
         perturbations across it vanish, and their exponents are -inf.
     error : ndarray, shape (count,)
         Estimated standard errors, 1/s: from the scatter over parts of the run, or half the difference between the two
-        halves of the run if that is larger.
+        halves of the run if that is larger. They do not hold what perturbations that grow like t leave of an exponent
+        0: about ``ln(omega T)/T`` for a typical angular frequency omega and ``T = t_end - skip``.
     t_end, skip : float
         The arguments of `lyapunov`, in s.
     notes : tuple of str
