@@ -58,6 +58,19 @@ def test_both_stops_are_grazed_at_once(ends, damping):
     assert closes(scene, orbit) < 1e-10
 
 
+def test_branch_points_and_steps_keep_their_digits_in_wide_intervals():
+    """The places are those at which the map over half a period is singular, by exponentials of matrices and Brent."""
+
+    def build(omega):
+        mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="mass")
+        law = {"gap": 0.5, "stiffness": 20.0, "damping": 0.0, "acts_on": "penetration"}
+        return between_stops(mass, load=vf.Sine(0.5, omega), **law)[1]
+
+    points = [s.value for s in vf.continuation(build, 0.2, 4.5, max_points=40).special if s.kind == "branch_point"]
+    assert points == pytest.approx([0.20741551135299474, 0.22284470799569073], rel=1e-13, abs=0.0)
+    assert vf.continuation(build, 0.8, 1e6, max_points=40).values[-1] > 3.0
+
+
 def test_the_multipliers_beside_two_grazings():
     """Coordinates at an event of one contact give those of the state at t = 0, with dampers that switch too."""
     branch = vf.continuation(lambda omega: between_two_stops(omega, damping=0.5), 0.775, 0.785)

@@ -432,7 +432,7 @@ def _at_turn(family: Family, step: Step, passed: bool) -> list[SpecialPoint]:
 
 def _exact(family: Family, point: Point) -> Point:
     """Return a branch point solved as one; along a branch the equations become singular there, which spoils digits."""
-    chart = Extended(point.chart, family, "branch_point", family.interval.size)
+    chart = Extended(point.chart, family, "branch_point", family.interval.scale(point.value))
     try:
         found = chart.solved(np.concatenate([point.y[:-1], [0.0, point.value]]))
     except ConvergenceError:

@@ -19,6 +19,9 @@ METHODS = ("auto", "shooting", "harmonic_balance")
 #: Length of an interval, as a share of its ends, that is rounding.
 _ROUNDED = 1e-13
 
+#: Share of a wide interval that counts as much as a value that is less.
+_WIDE = 1e-2
+
 #: Problems that are kept, by the value of the parameter.
 _KEPT = 8
 
@@ -76,6 +79,10 @@ class Interval:
     def size(self) -> float:
         """Length of the interval."""
         return abs(self.stop - self.start)
+
+    def scale(self, value: float) -> float:
+        """Return the size of changes of the parameter that matter at a value: its own, in a wide interval."""
+        return min(self.size, max(abs(value), _WIDE * self.size))
 
     @property
     def way(self) -> float:

@@ -18,8 +18,8 @@ TOLERANCE = 1e-12
 #: Evaluations at a point.
 _STEPS = 8
 
-#: Step of the parameter by which derivatives are taken, in terms of the interval and of the value.
-_DIFFERENCE, _LEAST = 1e-8, 1e-9
+#: Step of the parameter by which derivatives are taken: share of the interval, least and largest share of the value.
+_DIFFERENCE, _LEAST, _MOST = 1e-8, 1e-9, 1e-6
 
 #: Factor by which the residual falls in a step at least where the derivative with respect to the parameter is good.
 _SLOW = 0.02
@@ -115,7 +115,7 @@ def derivative_by_value(family: Family, chart: Any, y: Array, evaluation: Any) -
     inside the interval, unless the value itself lies outside.
     """
     value = float(y[-1])
-    step = max(_DIFFERENCE * family.interval.size, _LEAST * abs(value))
+    step = max(_DIFFERENCE * family.interval.scale(_MOST / _DIFFERENCE * value), _LEAST * abs(value))
     beside = y.copy()
     beside[-1] += -step if value > 0.5 * (family.interval.start + family.interval.stop) else step
     moved = chart.evaluate(family.of(beside), y[:-1], derivative=False, near=evaluation)
