@@ -11,10 +11,10 @@ from scenes import between_stops
 import vofem as vf
 
 
-def between_two_stops(omega, acts_on="penetration", damping=0.0):
+def between_two_stops(omega, acts_on="penetration", damping=0.0, load=0.2):
     mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="mass")
     law = {"gap": 0.5, "stiffness": 20.0, "damping": damping, "acts_on": acts_on}
-    return between_stops(mass, load=vf.Sine(0.2, omega), **law)[1]
+    return between_stops(mass, load=vf.Sine(load, omega), **law)[1]
 
 
 def twins(omega, count=2, damping=0.0):
@@ -58,17 +58,27 @@ def test_both_stops_are_grazed_at_once(ends, damping):
     assert closes(scene, orbit) < 1e-10
 
 
+def loaded(omega):
+    return between_two_stops(omega, load=0.5)
+
+
 def test_branch_points_and_steps_keep_their_digits_in_wide_intervals():
     """The places are those at which the map over half a period is singular, by exponentials of matrices and Brent."""
-
-    def build(omega):
-        mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="mass")
-        law = {"gap": 0.5, "stiffness": 20.0, "damping": 0.0, "acts_on": "penetration"}
-        return between_stops(mass, load=vf.Sine(0.5, omega), **law)[1]
-
-    points = [s.value for s in vf.continuation(build, 0.2, 4.5, max_points=40).special if s.kind == "branch_point"]
+    branch = vf.continuation(loaded, 0.2, 4.5, max_points=40)
+    points = [s.value for s in branch.special if s.kind == "branch_point"]
     assert points == pytest.approx([0.20741551135299474, 0.22284470799569073], rel=1e-13, abs=0.0)
-    assert vf.continuation(build, 0.8, 1e6, max_points=40).values[-1] > 3.0
+    assert vf.continuation(loaded, 0.8, 1e6, max_points=40).values[-1] > 3.0
+
+
+def test_a_closed_branch_does_not_list_its_own_begin_again():
+    """What leaves at both branch points is one branch. From either it lists the other one alone."""
+    branch = vf.continuation(loaded, 0.23, 0.2, max_points=100)
+    points = [s for s in branch.special if s.kind == "branch_point"]
+    for point, other in (points, points[::-1]):
+        leaving = branch.switch(point)
+        assert any("closed" in note for note in leaving.notes)
+        listed = [s.value for s in leaving.special if s.kind == "branch_point"]
+        assert listed == pytest.approx([other.value], rel=1e-13, abs=0.0)
 
 
 def test_the_multipliers_beside_two_grazings():

@@ -67,7 +67,7 @@ _BESIDE = 1e-3
 #: Distance of a closed branch from its first orbit, as a share of its last step, and how often it is looked for there.
 _THROUGH, _REFINED = 0.01, 3
 
-#: Share of the last step of a closed branch before its first orbit in which a special point is that of this orbit.
+#: Distance from the first orbit of a closed branch, as a share of its last step, up to which a special point is that.
 _AGAIN = 1e-2
 
 
@@ -455,24 +455,30 @@ class Follower:
         if abs(points[0].value - after.value) > abs(after.value - now.value) + 0.1 * self.family.interval.size:
             return False
         start, here, there = place(points[0]), place(now), place(after)
-        step = there - here
+        step, before = there - here, len(points) - 2
+        length = np.linalg.norm(step)
         share = float((start - here) @ step / (step @ step)) if np.any(step) else -1.0
-        if not 0.0 <= share <= 1.0 or np.linalg.norm(start - here - share * step) > 0.1 * np.linalg.norm(step):
-            return False
-        if step @ (place(points[1]) - start) <= 0.0:
+        # A branch that began at a special point comes back to it. It may turn much there, away from its secant.
+        again = [
+            mark.place - before
+            for mark in self.special
+            if mark.place >= before and np.linalg.norm(place(mark.point) - start) <= _AGAIN * length
+        ]
+        off = not 0.0 <= share <= 1.0 or np.linalg.norm(start - here - share * step) > 0.1 * length
+        if (off and not again) or step @ (place(points[1]) - start) <= 0.0:
             return False
         # States at t = 0 may come close to the first one by chance, but the branch itself goes through it.
         for _ in range(_REFINED):
-            left = start - place(point_between(self.family, Step(now, after), share))
+            left = start - place(point_between(self.family, Step(now, after), share)) if not again else 0.0 * step
             along = float(left @ step / (step @ step))
-            if np.linalg.norm(left - along * step) <= _THROUGH * np.linalg.norm(step):
+            if np.linalg.norm(left - along * step) <= _THROUGH * length:
                 break
             share = min(max(share + along, 0.0), 1.0)
         else:
             return False
         self._over = True
         # The points beyond the first orbit are the beginning of the branch again.
-        last = len(points) - 2 + share - _AGAIN
+        last = before + min(again, default=share)
         self.special[:] = [mark for mark in self.special if mark.place < last]
         self.notes.append(f"the {self.noun} is closed: it has come back to its first orbit at {points[0].value:.12g}")
         return True
@@ -480,7 +486,7 @@ class Follower:
     def _ended(self, end: float) -> None:
         """Let the branch be over at an end of the interval."""
         self._over = True
-        values = [point.value for point in self.points]
+        values = [point.value for point in (*self.points, *(mark.point for mark in self.special))]
         if end == self.family.interval.start and len(values) > 1:
             farthest = max(values, key=lambda value: abs(value - end))
             self.notes.append(
