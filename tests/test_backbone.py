@@ -214,6 +214,9 @@ def test_exponents_without_loads():
 
 def test_bad_arguments():
     scene = bilinear(1.0)
+    for level in (0.0, 1e-200):
+        with pytest.raises(vf.ArgumentError, match="positive numbers of at least 1e-60"):
+            vf.backbone(bilinear_mass(0.01, 50.0), 1, amplitudes=[level])
     with pytest.raises(vf.ArgumentError, match="count"):
         vf.lyapunov(scene, 10.0, count=3)
     with pytest.raises(vf.ArgumentError, match="skip"):

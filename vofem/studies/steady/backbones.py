@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import array, whole
+from vofem._validate import TINY, array, whole
 from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.errors import ArgumentError, ConvergenceError, EventStormError, MethodError
@@ -101,8 +101,10 @@ def backbone(
     if (energies is None) == (amplitudes is None):
         raise ArgumentError("backbone: give either energies or amplitudes, and not both")
     levels = np.atleast_1d(array("backbone: energies or amplitudes", energies if amplitudes is None else amplitudes))
-    if levels.ndim != 1 or not levels.size or np.any(levels <= 0.0):
-        raise ArgumentError(f"backbone: energies or amplitudes are {levels!r}, expected positive numbers")
+    if levels.ndim != 1 or not levels.size or np.any(levels < TINY):
+        raise ArgumentError(
+            f"backbone: energies or amplitudes are {levels!r}, expected positive numbers of at least {TINY:g}"
+        )
     max_points = whole("backbone: max_points", max_points)
     system = scene.model.system
     _check(system)
