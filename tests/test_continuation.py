@@ -490,6 +490,10 @@ def test_progress_and_interruption():
 def test_bad_arguments():
     with pytest.raises(vf.ArgumentError, match="build"):
         vf.continuation(bilinear(1.0), 1.0, 2.0)
+    with pytest.raises(vf.ArgumentError, match=r"called as build\(value\): missing a required argument: 'gap'"):
+        vf.continuation(lambda omega, gap: bilinear(omega, gap=gap), 1.0, 2.0)
+    with pytest.raises(TypeError, match="float"):  # One of its own.
+        vf.continuation(lambda omega: bilinear(omega + "1"), 1.0, 2.0)
     with pytest.raises(vf.ArgumentError, match="returned"):
         vf.continuation(lambda value: value, 1.0, 2.0)
     with pytest.raises(vf.ArgumentError, match="interval"):

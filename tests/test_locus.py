@@ -239,6 +239,7 @@ def test_bad_arguments(flips, branches):
         ((damped, flip, 1.2, "far"), "stop"),
         ((damped, flip, 1.21, 1.3), "as start the value of the other parameter"),
         ((nlvib_03, flip, 1.2, 1.3), "degrees of freedom|bod"),
+        ((lambda value: damped(value, 1.2), flip, 1.2, 1.3), r"build\(value, other\): too many positional arguments"),
         ((lambda value, other: None, flip, 1.2, 1.3), r"build\(3.56647, 1.2\) returned None"),
     ]:
         with pytest.raises(ArgumentError, match=message):

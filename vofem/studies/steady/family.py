@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -137,6 +138,9 @@ class Family:
             if self.interval.beyond(values[-1]) is None:
                 raise
             raise ConvergenceError(f"there is no scene at {values[-1]:.9g}, beyond the interval ({error})") from error
+        except TypeError:
+            self._refuse_arguments(values)
+            raise
         if not isinstance(scene, Scene):
             shown = ", ".join(f"{value:g}" for value in values)
             raise ArgumentError(f"{self.what}: build({shown}) returned {scene!r}, expected a vofem.Scene")
@@ -152,6 +156,16 @@ class Family:
         problem.parameters, problem.centred = values, True
         self._known[values] = self._latest = problem
         return problem
+
+    def _refuse_arguments(self, values: tuple[float, ...]) -> None:
+        """Raise `ArgumentError` if `build` does not take one number for each parameter."""
+        try:
+            inspect.signature(self.build).bind(*values)
+        except TypeError as error:
+            taken = "build(value)" if self.parameters == 1 else "build(value, other)"
+            raise ArgumentError(f"{self.what}: expected a function that is called as {taken}: {error}") from None
+        except ValueError:
+            return  # Some functions of extension modules have no signature.
 
     def begin_with(self, problem: OrbitProblem, *values: float) -> None:
         """Use a given problem at a value of each parameter. Later problems are derived from it."""
