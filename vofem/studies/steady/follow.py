@@ -467,21 +467,31 @@ class Follower:
         off = not 0.0 <= share <= 1.0 or np.linalg.norm(start - here - share * step) > 0.1 * length
         if (off and not again) or step @ (place(points[1]) - start) <= 0.0:
             return False
-        # States at t = 0 may come close to the first one by chance, but the branch itself goes through it.
-        for _ in range(_REFINED):
-            left = start - place(point_between(self.family, Step(now, after), share)) if not again else 0.0 * step
-            along = float(left @ step / (step @ step))
-            if np.linalg.norm(left - along * step) <= _THROUGH * length:
-                break
-            share = min(max(share + along, 0.0), 1.0)
-        else:
-            return False
+        if not again:
+            found = self._share_through(Step(now, after), start, place, share)
+            if found is None:
+                return False
+            share = found
         self._over = True
         # The points beyond the first orbit are the beginning of the branch again.
         last = before + min(again, default=share)
         self.special[:] = [mark for mark in self.special if mark.place < last]
         self.notes.append(f"the {self.noun} is closed: it has come back to its first orbit at {points[0].value:.12g}")
         return True
+
+    def _share_through(self, step: Step, start: Array, place: Callable[[Point], Array], share: float) -> float | None:
+        """Return the share of a step at which the branch goes through its start; None where it passes beside it.
+
+        States at t = 0 may come close to the first one by chance. `place`: returns the state and the value of a point.
+        """
+        along = place(step.last) - place(step.first)
+        for _ in range(_REFINED):
+            left = start - place(point_between(self.family, step, share))
+            more = float(left @ along / (along @ along))
+            if np.linalg.norm(left - more * along) <= _THROUGH * np.linalg.norm(along):
+                return share
+            share = min(max(share + more, 0.0), 1.0)
+        return None
 
     def _ended(self, end: float) -> None:
         """Let the branch be over at an end of the interval."""

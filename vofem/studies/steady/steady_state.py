@@ -125,10 +125,15 @@ def first_orbit(what: str, problem: Any, guess: Any) -> tuple[Any, Solved, tuple
             ) from error
     shortest = problem.shortest_period(found.unknowns, found.evaluation)
     if shortest < problem.periods:
+        count = problem.periods
+        how = (
+            f"branch.switch finds one at a period doubling of a branch over {count // 2} periods"
+            if count % 2 == 0
+            else f"an orbit of vofem.backbone at 1/{count} of the frequency of the loads may be one"
+        )
         raise ConvergenceError(
-            f"{what}: an orbit over {problem.periods} periods of the loads was asked for, and the one found repeats "
-            f"after {shortest}. Ask for periods={shortest}, or give a guess nearer to an orbit over {problem.periods}: "
-            "vofem.continuation finds one by branch.switch at a period doubling"
+            f"{what}: an orbit over {count} periods of the loads was asked for, and the one found repeats after "
+            f"{shortest}. Ask for periods={shortest}, or give a guess nearer to an orbit over {count}: {how}"
         )
     if isinstance(problem, Shooting):
         _refuse_unbounded(what, problem, found.evaluation.sizes)
