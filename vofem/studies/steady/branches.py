@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
+
+import numpy as np
 
 from vofem._validate import choice, number, whole
 from vofem.blas import one_thread
 from vofem.doubtful import undamped
-from vofem.errors import ArgumentError
+from vofem.errors import ArgumentError, ConvergenceError
 from vofem.kernels.choice import by_need
 from vofem.kernels.mode import compiling_first
 from vofem.progress import COMPILING, Progress, TerminalBar
@@ -17,9 +20,13 @@ from vofem.studies.steady.branch import Branch
 from vofem.studies.steady.family import METHODS, Family, Interval
 from vofem.studies.steady.follow import LARGEST, REPORTED, Follower
 from vofem.studies.steady.near import in_the_middle
+from vofem.studies.steady.problem import OutOfTime
 from vofem.studies.steady.sheets import branch_of
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.steady_state import first_orbit
+
+#: Least time in s for the search of the first orbit, if there is a limit.
+_SEARCHED = 60.0
 
 
 @one_thread
@@ -67,7 +74,8 @@ def continuation(
     max_points : int
         Largest number of orbits. If it is reached, the continuation ends, and a note says so.
     max_seconds : float, optional
-        Time in s after which the continuation ends; the part of the branch that was found is returned, with a note.
+        Time in s after which the continuation ends; the part of the branch that was found is returned, with a note. The
+        search of the first orbit may take as long before, or a minute if that is longer.
     progress : bool or callable, optional
         Whether a progress bar is shown, as in `vofem.simulate`. A function is called with the value reached and `stop`.
 
@@ -82,7 +90,7 @@ def continuation(
     MethodError
         If the method cannot treat the scene.
     ConvergenceError
-        If no orbit is found at `start`.
+        If no orbit is found at `start`, or not in time.
     """
     if not callable(build):
         raise ArgumentError(f"continuation: build is {build!r}, expected a function that returns a Scene at a value")
@@ -103,7 +111,16 @@ def continuation(
     with TerminalBar(("continuation", REPORTED), progress, 1.0, "") as bar:
         if compiling_first():
             bar.update(0.0, COMPILING.format("steady states"), at_once=True)
-        problem, found, notes = first_orbit("continuation", problem, guess)
+        searched = np.inf if max_seconds is None else max(max_seconds, _SEARCHED)
+        family.work.until = time.monotonic() + searched
+        try:
+            problem, found, notes = first_orbit("continuation", problem, guess)
+        except OutOfTime:
+            raise ConvergenceError(
+                f"continuation: no orbit was found at {start:.9g} within {searched:g} s. Raise max_seconds, or give a "
+                "guess= such as a run that has settled"
+            ) from None
+        family.work.until = np.inf
     if isinstance(problem, Shooting):
         found = in_the_middle(problem, found)
     family.begin_with(problem, start)

@@ -153,16 +153,19 @@ class Follower:
         self._count("flows")
         self._leaving_another = leaving
         work = self.family.work
-        work.until = np.inf if self.seconds is None else time.monotonic() + self.seconds
+        outer, own = work.until, np.inf if self.seconds is None else time.monotonic() + self.seconds
+        work.until = min(outer, own)
         with branch_progress(self.family.interval, progress, self.family.what) as report:
             try:
                 self._walk(first, min(step, self.largest), report)
             except OutOfTime:
-                work.until, now = np.inf, self.points[-1]
+                if outer <= own:
+                    raise
+                work.until, now = outer, self.points[-1]
                 told = f"the limit of {self.seconds:g} s was reached at {now.value:.9g}; raise max_seconds to go on"
                 self._stopped(now, told)
             finally:
-                work.until = np.inf
+                work.until = outer
         self.special.sort(key=lambda mark: mark.place)
         self.counters.points, self.counters.check_flows = len(self.points), self.family.work.checks
         self.counters.eigensolves = self.family.work.runs.eigensolves

@@ -36,7 +36,7 @@ _TRY, _AGAIN = 1e-2, 0.1
 _STEPS, _FAR = 2, 200.0
 
 #: Shares of the loads from which orbits are followed, and the most orbits from there to the whole loads.
-_SHARES, _WAY = tuple(0.5**k for k in range(8)), 2000
+_SHARES, _WAY = tuple(0.5**k for k in range(8)), 500
 
 #: Factor by which a motion is larger than that of an orbit from rest where it has no bound.
 _UNBOUNDED = 1e10
