@@ -216,8 +216,9 @@ def _verify(place: Path) -> None:
 
 def _complaint(place: Path, error: Exception, expected: str) -> str:
     text = str(error)
-    if isinstance(error, PermissionError):
-        return f"may not be read: {error.strerror}; check its permissions"
+    # Errors of the system itself name the file, and those of the library do not.
+    if isinstance(error, OSError) and (isinstance(error, PermissionError) or error.filename is not None):
+        return f"may not be read: {error.strerror}; check the path and its permissions"
     if "signature" in text or not h5py.is_hdf5(place):
         return f"is no HDF5 file, expected {expected}"
     if "truncated" in text:
