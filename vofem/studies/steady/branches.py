@@ -63,7 +63,7 @@ def continuation(
     periods : int
         Number of periods of the loads after which an orbit repeats.
     guess : PeriodicOrbit, Result or anything that ``simulate(initial=)`` takes, optional
-        The motion from which the search for the first orbit starts.
+        The motion from which the search for the first orbit starts. Harmonic balance takes the first two alone.
     method : {"auto", "shooting", "harmonic_balance"}
         As in `vofem.periodic`.
     harmonics : int, optional

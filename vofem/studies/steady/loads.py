@@ -133,8 +133,9 @@ def _fundamental(what: str, frequencies: list[tuple[Load, float]]) -> float:
     for load, w in frequencies:
         ratio = Fraction(w / base).limit_denominator(_LARGEST)
         if ratio == 0 or ratio.numerator > _LARGEST or abs(float(ratio) - w / base) > _EXACT * w / base:
+            other = "another of its terms" if load is first else first.name
             raise ArgumentError(
-                f"{what}: {load.name} has {frequency_words(w, [load.function], 17)} and {first.name} has "
+                f"{what}: {load.name} has {frequency_words(w, [load.function], 17)} and {other} has "
                 f"{frequency_words(base, [first.function], 17)}, which have no common period; choose frequencies in "
                 "the ratio of small whole numbers"
             )

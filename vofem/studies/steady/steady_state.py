@@ -71,7 +71,7 @@ def periodic(
         Number of periods of the loads after which the orbit repeats: k for a subharmonic of order k.
     guess : PeriodicOrbit, Result or anything that ``simulate(initial=)`` takes, optional
         The motion from which the search starts. If it is a run, its state at the last full period of the loads is
-        taken.
+        taken. Harmonic balance takes the first two alone.
     method : {"auto", "shooting", "harmonic_balance"}
         "shooting" is exact; it accepts the scenes that event_driven accepts. "harmonic_balance" also accepts other
         laws. "auto" takes shooting if it accepts the scene and `harmonics` is not given, otherwise harmonic balance.
