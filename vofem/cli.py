@@ -162,12 +162,6 @@ def _output(arguments: argparse.Namespace, source: Path) -> Path:
     return _made(arguments.output or Path("output") / source.stem)
 
 
-def _keep_what_exists(file: Path, overwrite: bool, cure: str) -> None:
-    """Raise `OutputError` where a file would be replaced that is to be kept."""
-    if os.path.isfile(file) and not overwrite:
-        raise OutputError(f"{file} exists already and was left as it is; add --overwrite, or {cure}")
-
-
 def _made(folder: Path) -> Path:
     """Return a folder, made where it is missing."""
     try:
@@ -283,10 +277,12 @@ def _run(arguments: argparse.Namespace) -> int:
     # The folder is made first, so that a long run does not end because it cannot be made.
     folder = _output(arguments, arguments.scene)
     if arguments.save is not None:
+        from vofem.files.whole import refuse_existing
         from vofem.io.storage.run_file import check_target
 
         arguments.save = folder / "run.vtkhdf" if arguments.save == Path() else arguments.save
-        _keep_what_exists(arguments.save, arguments.overwrite, "choose another name")
+        if not arguments.overwrite:
+            refuse_existing(arguments.save, "add --overwrite, or choose another name")
         check_target(arguments.save, arguments.overwrite)
     with blas_threads(file.scene.model.system.size):
         return _simulated(arguments, file, folder)
@@ -422,6 +418,7 @@ def _add_respond(commands: Commands) -> None:
 
 
 def _respond(arguments: argparse.Namespace) -> int:
+    from vofem.files.whole import refuse_existing
     from vofem.io.scene_file import load_scene, point_named
     from vofem.studies.steady import continuation
 
@@ -438,7 +435,8 @@ def _respond(arguments: argparse.Namespace) -> int:
         point = point_named(file.scene, arguments.point)
     folder = _output(arguments, arguments.scene)
     saved = folder / "branch.h5"
-    _keep_what_exists(saved, arguments.overwrite, "choose another folder by --output")
+    if not arguments.overwrite:
+        refuse_existing(saved, "add --overwrite, or choose another folder by --output")
     branch = continuation(
         file.at, arguments.start, arguments.stop, progress=True if sys.stderr.isatty() else None, **options
     )

@@ -95,10 +95,10 @@ def documented(function: Callable[..., Any], shared: dict[str, str], returns: st
     return f"{head}\nReturns\n-------\n{returns}\n\n{errors.rstrip()}\n{error}{notes}{more}"
 
 
-def refuse_existing(path: Path) -> None:
-    """Raise `OutputError` if something of that name exists."""
+def refuse_existing(path: Path, cure: str = "choose another name, or pass overwrite=True") -> None:
+    """Raise `OutputError` if something of that name exists; `cure` ends the message."""
     if os.path.lexists(path) and not os.path.isdir(path):
-        raise OutputError(f"{path} exists already and was left as it is; choose another name, or pass overwrite=True")
+        raise OutputError(f"{path} exists already and was left as it is; {cure}")
 
 
 #: Temporary files of `replacing` that are being written.

@@ -63,8 +63,10 @@ def save(curve: Branch | Locus, path: str | os.PathLike[str], *, overwrite: bool
         own, listed = {"kind": curve.kind, "contact": curve.contact}, []
     orbits = _orbits([*listed, *(point.orbit for point in curve.special)])
     notes = list(curve.notes)
-    for problem in [" ".join(text.split()) for text in orbits["problems"] if text][:1]:
-        notes.append(f"the file {goal.name} holds the numbers of orbits, but not their motion: {problem}")
+    problem = next(filter(None, orbits["problems"]), "")
+    if problem:
+        why = " ".join(problem.split())
+        notes.append(f"the file {goal.name} holds the numbers of orbits, but not their motion: {why}")
     record = {
         "values": curve.values,
         "special": [(s.kind, float(s.value), s.contact, float(s.place), float(s.other)) for s in curve.special],

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
-
-import numpy as np
 
 from vofem._validate import choice, number, whole
 from vofem.blas import one_thread
@@ -111,16 +108,15 @@ def continuation(
     with TerminalBar(("continuation", REPORTED), progress, 1.0, "") as bar:
         if compiling_first():
             bar.update(0.0, COMPILING.format("steady states"), at_once=True)
-        searched = np.inf if max_seconds is None else max(max_seconds, _SEARCHED)
-        family.work.until = time.monotonic() + searched
+        searched = None if max_seconds is None else max(max_seconds, _SEARCHED)
         try:
-            problem, found, notes = first_orbit("continuation", problem, guess)
+            with family.work.within(searched):
+                problem, found, notes = first_orbit("continuation", problem, guess)
         except OutOfTime:
             raise ConvergenceError(
                 f"continuation: no orbit was found at {start:.9g} within {searched:g} s. Raise max_seconds, or give a "
                 "guess= such as a run that has settled"
             ) from None
-        family.work.until = np.inf
     if isinstance(problem, Shooting):
         found = in_the_middle(problem, found)
     family.begin_with(problem, start)

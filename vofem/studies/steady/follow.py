@@ -153,19 +153,17 @@ class Follower:
         self._count("flows")
         self._leaving_another = leaving
         work = self.family.work
-        outer, own = work.until, np.inf if self.seconds is None else time.monotonic() + self.seconds
-        work.until = min(outer, own)
         with branch_progress(self.family.interval, progress, self.family.what) as report:
             try:
-                self._walk(first, min(step, self.largest), report)
+                with work.within(self.seconds):
+                    self._walk(first, min(step, self.largest), report)
             except OutOfTime:
-                if outer <= own:
+                if self.seconds is None or time.monotonic() > work.until:
+                    # The limit is that of a search which this walk is a part of.
                     raise
-                work.until, now = outer, self.points[-1]
+                now = self.points[-1]
                 told = f"the limit of {self.seconds:g} s was reached at {now.value:.9g}; raise max_seconds to go on"
                 self._stopped(now, told)
-            finally:
-                work.until = outer
         self.special.sort(key=lambda mark: mark.place)
         self.counters.points, self.counters.check_flows = len(self.points), self.family.work.checks
         self.counters.eigensolves = self.family.work.runs.eigensolves

@@ -12,8 +12,10 @@ in any way.
 
 from __future__ import annotations
 
+import contextlib
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -39,6 +41,16 @@ class Work:
     checks: int = 0  #: Flows over orbits that are known, with which these are checked.
     runs: Counters = field(default_factory=Counters)  #: Work of these evaluations.
     until: float = np.inf  #: When the time is over, by `time.monotonic`.
+
+    @contextlib.contextmanager
+    def within(self, seconds: float | None) -> Iterator[None]:
+        """Limit the time for what follows, if a number of seconds is given; a limit around this one holds too."""
+        outer = self.until
+        self.until = outer if seconds is None else min(outer, time.monotonic() + seconds)
+        try:
+            yield
+        finally:
+            self.until = outer
 
     def begin(self) -> None:
         """Raise `OutOfTime` if the time is over; every evaluation and every run begins with this."""

@@ -735,15 +735,23 @@ class Signature:
         return np.array([contact for contact, _ in self.switches], dtype=np.int64)
 
     @cached_property
+    def successive(self) -> list[tuple[int, int]]:
+        """Pairs of switches of one contact with none of it in between, but for those over the anchor."""
+        found, latest = [], dict[int, int]()
+        for k, (contact, _) in enumerate(self.switches):
+            if contact in latest:
+                found.append((latest[contact], k))
+            latest[contact] = k
+        return found
+
+    @cached_property
     def _since(self) -> list[int | None]:
         """For every switch the one since which its coordinate has changed as much as nothing, if there is one."""
-        found, latest = list(self.partners), dict[int, int]()
-        for k, (contact, status) in enumerate(self.switches):
-            before = latest.get(contact, k)
-            if self.struck[before] >= 0 and before < k and (self.struck[k] >= 0 or status == PINNED):
+        found = list(self.partners)
+        for p, k in self.successive:
+            if self.struck[p] >= 0 and (self.struck[k] >= 0 or self.switches[k].status == PINNED):
                 # The time between two bounces may be as short as it likes.
-                found[k] = before
-            latest[contact] = k
+                found[k] = p
         return found
 
     @cached_property
@@ -760,13 +768,8 @@ class Signature:
     @cached_property
     def leaves(self) -> list[tuple[int, int]]:
         """Pairs of switches between which something that rested at a contact leaves it, and comes back."""
-        found, latest = [], dict[int, int]()
-        for k, (contact, status) in enumerate(self.switches):
-            if contact in latest:
-                found.append((latest.pop(contact), k))
-            if self.statuses[k][contact] == PINNED and status == OPEN:
-                latest[contact] = k
-        return found
+        s = self.switches
+        return [(p, k) for p, k in self.successive if self.statuses[p][s[p].contact] == PINNED and s[p].status == OPEN]
 
     @property
     def impacts(self) -> set[tuple[int, int]]:
@@ -904,21 +907,15 @@ class Signature:
         laws, rows, n = problem.system.contacts, problem.space.contacts, problem.size // 2
         if laws is None or not laws.rigid.any():
             return False
-        fastest, latest = dict[int, float](), dict[int, float]()
-        rests = list[tuple[int, float, float]]()
+        speeds = np.einsum("ij,ij->i", rows[self._contacts], evaluation.path.ends[: len(self.switches), n:])
+        moving = np.array([status[j] != PINNED for status, (j, _) in zip(self.statuses, self.switches, strict=False)])
+        before = {k: float(speeds[p]) for p, k in self.successive if p in self.settling}
         for k, (contact, status) in enumerate(self.switches):
-            if not laws.rigid[contact] or self.statuses[k][contact] == PINNED:
-                latest.pop(contact, None)
-                continue
-            speed = float(rows[contact] @ evaluation.path.ends[k, n:])
-            fastest[contact] = max(speed, fastest.get(contact, 0.0))
-            if status == PINNED and laws.restitution[contact] > 0.0:
-                rests.append((contact, speed, latest.get(contact, np.inf)))
-            latest[contact] = speed if k in self.settling else np.inf
-        return any(
-            last > _ALLOWED * SETTLES * fastest[j] or before < SETTLES * fastest[j] / _ALLOWED
-            for j, last, before in rests
-        )
+            if status == PINNED and moving[k] and laws.rigid[contact] and laws.restitution[contact] > 0.0:
+                slow = SETTLES * float(speeds[moving & (self._contacts == contact)].max())
+                if speeds[k] > _ALLOWED * slow or before.get(k, np.inf) < slow / _ALLOWED:
+                    return True
+        return False
 
     def stops(self, problem: Shooting) -> list[Stop]:
         """Return where sliders stop that hold points of contacts; none of those that rest at the anchor."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise, zip_longest
+from itertools import zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -102,9 +102,6 @@ _BESIDE_GAP, _FARTHER = 1e-6, 0.1
 #: Distance in scaled coordinates of orbits that rest at a gap after different numbers of touches, and least cosine of
 #: the angle between their branches.
 _RESTS, _STRAIGHT = 1e-4, 0.9
-
-#: Kinds of contacts that may come to rest at their gaps; see `_law`.
-_RESTING = ("jump", "impact")
 
 #: Step in scaled coordinates by which heights, speeds and reactions are differentiated.
 _DIFFERENCE = 1e-6
@@ -376,7 +373,7 @@ def resting(family: Family, now: Point, guess: Array) -> Passage | None:
         old = new.switches
         new, y = signature_of(problem, new.flow(problem, y))
         every = [chart.switches, new.switches]
-        rests = any(s.status == PINNED and _law(problem, s.contact) in _RESTING for one in every for s in one)
+        rests = any(s.status == PINNED and _law(problem, s.contact) != "stick" for one in every for s in one)
         touching = [{s.contact for s in one} for one in every]
         if not rests or new.switches == old or touching[0] != touching[1]:
             return None
@@ -922,8 +919,7 @@ def what_contacts_do(point: Point) -> str:
 def _shortest_rest(point: Point, contact: int) -> float:
     """Return the shortest time in rad of the load for which something rests at a rigid stop."""
     chart, lengths = point.chart, point.chart.lengths(point.y[:-1])
-    mine = [k for k, (j, _) in enumerate(chart.switches) if j == contact]
-    rests = ((p, k) for p, k in pairwise(mine) if chart.switches[p].status == PINNED)
+    rests = ((p, k) for p, k in chart.successive if chart.switches[p] == (contact, PINNED))
     return min((float(lengths[p + 1 : k + 1].sum()) for p, k in rests), default=np.inf)
 
 
