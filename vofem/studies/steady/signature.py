@@ -615,9 +615,9 @@ class Signature:
         if not places.back.any():
             return np.zeros(len(places.sliders)), held
         cuts = sorted(
-            (*self._strongest(problem, path, slider, way), j, way)
+            (segment, time, j, way)
             for j, slider in enumerate(places.sliders)
-            for way in (UP, DOWN)
+            for segment, time, way in self._strongest(problem, path, slider)
         )
         # The segments are divided there, at times that follow their begins.
         whole = [(k, tau, 1.0) for k, tau in enumerate(path.durations.tolist())]
@@ -636,22 +636,24 @@ class Signature:
             slopes[j] += 0.5 * slope
         return places.back @ middle, places.back @ slopes + held
 
-    def _strongest(self, problem: Shooting, path: Path, slider: int, way: int) -> tuple[int, float]:
-        """Return the segment, and the time in it, in which the force of a slider is the largest in one direction."""
-        sign, sampled = 1.0 if way == UP else -1.0, list[tuple[float, int, float, float]]()
+    def _strongest(self, problem: Shooting, path: Path, slider: int) -> list[tuple[int, float, int]]:
+        """Return the segment, the time in it and the way in which the force of a slider is the largest, of both ways."""
+        sampled = []
         for segment in np.flatnonzero(path.durations > 0.0).tolist():
+            pull = self.pull(problem, path, segment, slider)
             times = np.linspace(0.0, path.durations[segment], _LEAST + 1)
-            forces = sign * self.pull(problem, path, segment, slider)(times)
-            k = int(np.argmax(forces))
-            sampled.append((float(forces[k]), segment, float(times[max(k - 1, 0)]), float(times[min(k + 1, _LEAST)])))
-        # Between two segments samples are the same, and the largest force may lie in either of them.
-        most, found = max(sampled)[0], list[tuple[float, int, float]]()
-        for force, segment, low, high in sampled:
-            if force >= most - _BESIDE * abs(most):
-                pull = self.pull(problem, path, segment, slider)
-                time, force = peak(pull, low, high, sign)
-                found.append((force, segment, time))
-        return max(found)[1:]
+            sampled.append((segment, times, pull, pull(times)))
+        found = list[tuple[int, float, int]]()
+        for way, sign in ((UP, 1.0), (DOWN, -1.0)):
+            # Between two segments samples are the same, and the largest force may lie in either of them.
+            most, peaks = max(float((sign * forces).max()) for *_, forces in sampled), list[tuple[float, int, float]]()
+            for segment, times, pull, forces in sampled:
+                k = int(np.argmax(sign * forces))
+                if sign * forces[k] >= most - _BESIDE * abs(most):
+                    time, force = peak(pull, times[max(k - 1, 0)], times[min(k + 1, _LEAST)], sign)
+                    peaks.append((force, segment, time))
+            found.append((*max(peaks)[1:], way))
+        return found
 
     def pull(self, problem: Shooting, path: Path, segment: int, slider: int) -> Callable[[Array], Array]:
         """Return the force of a slider that sticks, by times in a segment, (n_times,)."""
