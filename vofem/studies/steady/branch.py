@@ -231,7 +231,7 @@ class Branch(Curve):
 
         At a period doubling this is the branch of orbits that take twice as many periods. At a branch point it is the
         other branch through the point. It begins at the special point and is followed within the interval of this
-        branch.
+        branch, with the same `max_step`, `max_points` and `max_seconds`.
 
         Parameters
         ----------

@@ -15,6 +15,7 @@ from vofem.errors import ArgumentError, ConvergenceError, MethodError
 from vofem.kernels.choice import by_need
 from vofem.progress import Progress
 from vofem.scene import Scene
+from vofem.studies.steady.beside import touch
 from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import Curve
 from vofem.studies.steady.census import Test, pair_on_circle, pairs_at_one, real_at, turning
@@ -26,7 +27,6 @@ from vofem.studies.steady.point import Point, corrected, level, point_at
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.special import KINDS, SpecialPoint, special_at
 from vofem.studies.steady.steady_state import as_guess
-from vofem.studies.steady.touching import touch
 
 #: Relative difference of `value` up to which the first point is the given special point.
 _SAME = 1e-6

@@ -19,6 +19,7 @@ from vofem.studies.steady.newton import Solved, converged, direction, lowered
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.shooting import Shooting, relative
 from vofem.studies.steady.signature import Signature, SignatureEvaluation, States, signature_of
+from vofem.studies.steady.sticking import places_of
 from vofem.system import PINNED
 
 #: Steps of the state, halvings of one of them, and steps in the lengths of segments.
@@ -94,7 +95,7 @@ def in_the_middle(problem: Shooting, found: Solved) -> Solved:
     problem.centred = True
     for _ in range(_PARTS):
         chart, y = found.evaluation.chart, found.evaluation.y
-        places = chart.places(problem)
+        places = places_of(problem, chart.statuses)
         if places is None:
             break
         there = chart.evaluate(problem, y)
@@ -114,6 +115,7 @@ def in_the_middle(problem: Shooting, found: Solved) -> Solved:
     else:
         laws = problem.system.contacts
         assert laws is not None
+        assert places is not None
         names = " and ".join(repr(laws.names[j]) for j in places.sliders)
         raise ConvergenceError(
             f"{problem.what}: {names} sticks all along where the branch begins, and no orbit was found in which it "

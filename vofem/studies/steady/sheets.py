@@ -128,7 +128,8 @@ class Sheets:
         direction = self._direction(family, start, special, doubles)
         last: ConvergenceError | None = None
         for factor in _TRIED:
-            walker = Follower(family, largest=self.walker.largest, most=self.walker.most)
+            known = self.walker
+            walker = Follower(family, largest=known.largest, most=known.most, seconds=known.seconds)
             try:
                 walker.follow(replace(start, tangent=direction), FIRST * factor, leaving=True)
             except ConvergenceError as error:

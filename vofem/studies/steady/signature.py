@@ -19,7 +19,7 @@ H. Dankowicz, F. Schilder, Recipes for Continuation, SIAM 2013, doi:10.1137/1.97
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import itemgetter
@@ -32,37 +32,23 @@ from vofem.arrays import Array, Complex
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.along import Path
 from vofem.integrators.event_driven.flow import Flow
-from vofem.integrators.event_driven.regime import Integers, flat
 from vofem.laws.friction import DOWN, UP
 from vofem.linalg.eigen import eigenvalues
-from vofem.studies.steady.extremes import Extreme, least_rate, peak, turning_points
+from vofem.studies.steady.extremes import Extreme, turning_points
+from vofem.studies.steady.gaps import LEAST, Gaps
 from vofem.studies.steady.newton import direction
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
-from vofem.studies.steady.settling import SETTLES, bounces, bounces_of, settled
-from vofem.studies.steady.shooting import CLOSES, FREE, Shooting, relative, share
-from vofem.system import CLOSED, OPEN, PINNED
+from vofem.studies.steady.settling import SETTLES, bounces_of, settled
+from vofem.studies.steady.shooting import CLOSES, Shooting, relative, share
+from vofem.studies.steady.sticking import centring, places_of, released
+from vofem.studies.steady.switches import Switch, Switches
+from vofem.system import CLOSED, PINNED
 
-#: Steps of an orbit from which its range is refined, and among which extremes of gap functions are searched, and those
-#: of forces of sliders; and the least numbers in a segment. A stiff contact rebounds quickly.
-_RANGE, _SEARCHED, _PULLS, _LEAST_RANGE, _LEAST = 600, 20000, 2000, 16, 128
-
-#: Difference of forces between samples, as a share of the largest one, by which it may lie in another segment.
-_BESIDE = 1e-2
-
-#: Height of an extreme, over the size of the motion, below which it is not computed exactly.
-_LOW = -0.05
-
-#: Height of an extreme above which others may lie close to it.
-_AT_GAP = -1e-6
+#: Steps of an orbit from which its range is refined, and the least number in a segment.
+_RANGE, _LEAST_RANGE = 600, 16
 
 #: The anchor is moved if a switch comes nearer to it than this share of the longest segment.
 _NEAR_ANCHOR = 0.15
-
-#: Share of a segment in which something rests by which another one is longer, and has the anchor.
-_AT_REST = 0.1
-
-#: Height of an extreme on the wrong side, over the size of the motion, that is rounding.
-ROUNDING = 1e-13
 
 #: Height of an extreme or a touch, over the size of the motion, up to which an orbit grazes a contact.
 _GRAZED = 1e-12
@@ -90,31 +76,6 @@ _EPS = 64.0 * float(np.finfo(float).eps)
 
 #: Condition of the equations of the switches above which multipliers need a generalised eigenvalue problem.
 _SINGULAR = 1e3
-
-
-class Switch(NamedTuple):
-    """A contact and the status that it takes, that which it has at an impact on a rigid stop."""
-
-    contact: int
-    status: int
-
-
-class Stop(NamedTuple):
-    """Switches at which a slider comes to rest and goes on, one if it turns at once, and contacts at its points."""
-
-    first: int
-    last: int
-    held: list[int]
-
-
-class Places(NamedTuple):
-    """The k sliders that stick all along, and where they rest."""
-
-    sliders: list[int]
-    rows: Array  #: Their places by modal states, shape (k, 2n).
-    moves: Array  #: Modal states by places, shape (2n, k).
-    back: Array  #: Places by the forces that they cause at rest, shape (k, k).
-    stays: Array  #: Changes of places that cause no forces, shape (k, k).
 
 
 class States(NamedTuple):
@@ -164,7 +125,7 @@ class SignatureEvaluation:
     def range_of(self, row: Array) -> tuple[float, float]:
         """Return the least and the largest value of a row over the free degrees of freedom, shape (n,)."""
         rows, segments = self.problem.modal_row(row)[None], np.flatnonzero(self.path.durations > 0.0)
-        of, tau, (u,), (rate,) = self.path.sampled(rows, segments, self._steps(segments, _RANGE, _LEAST_RANGE))
+        of, tau, (u,), (rate,) = self.path.sampled(rows, segments, self.gaps.steps(segments, _RANGE, _LEAST_RANGE))
         # Only neighbours of the largest samples are refined, because no other sample can be an extreme.
         i = np.flatnonzero((rate[:-1] * rate[1:] < 0.0) & (of[:-1] == of[1:]))
         both = np.stack([i, i + 1])
@@ -172,6 +133,16 @@ class SignatureEvaluation:
         i = i[(u[both].min(axis=0) - reach < u.min()) | (u[both].max(axis=0) + reach > u.max())]
         _, turned = turning_points(self.path.rows(rows, of[i]), np.zeros_like(i), tau[i], tau[i + 1])
         return float(np.append(u, turned).min()), float(np.append(u, turned).max())
+
+    @cached_property
+    def gaps(self) -> Gaps:
+        """The gap functions along the orbit."""
+        return Gaps(self.problem, self.path, self.chart, self.sizes)
+
+    @property
+    def extremes(self) -> list[Extreme]:
+        """The extremes of all gap functions inside segments at which the contact might switch."""
+        return self.gaps.extremes
 
     @property
     def grazes(self) -> str:
@@ -186,137 +157,8 @@ class SignatureEvaluation:
         for p, k in self.chart.touches:
             contact, time = self.chart.switches[p].contact, float(path.durations[p + 1 : k + 1].sum())
             rate = float(rows[contact] @ path.ends[p, n:])
-            heights.append((contact, 0.25 * abs(time * rate) / float(self.size_of(contact))))
+            heights.append((contact, 0.25 * abs(time * rate) / float(self.gaps.size_of(contact))))
         return next((laws.names[j] for j, height in heights if laws.jumps[j] and height <= _GRAZED), "")
-
-    @cached_property
-    def extremes(self) -> list[Extreme]:
-        """The extremes of all gap functions inside segments at which the contact might switch.
-
-        Those far from their gaps are not exact.
-        """
-        if self.problem.system.contacts is None:
-            return []
-        moves = (np.array(self.chart.statuses) != PINNED).any(axis=1)
-        segments = np.flatnonzero(moves & (self.path.durations > 0.0))
-        rows = self.problem.space.contacts
-        of, tau, u, rates = self.path.sampled(rows, segments, self._steps(segments, _SEARCHED, _LEAST))
-        slips = self._slips(of, tau, rates)
-        # What a slider holds turns where it does, so that rounding has no say.
-        for stop in self.chart.stops(self.problem):
-            begun = int(np.searchsorted(of, stop.first, side="right"))
-            rates[stop.held, max(begun - 1, 0) : begun + 1] = 0.0
-        return sorted([*self.extremes_among(of, tau, u, rates), *slips])
-
-    def _slips(self, of: Integers, tau: Array, rates: Array) -> list[Extreme]:
-        """Return the extremes of sliders.
-
-        `of`, `tau` (shape (n_times,)), `rates` (n_contacts, n_times): samples of segments in which some contact moves.
-        """
-        sliders, path, found = self.problem.course.sliders, self.path, list[Extreme]()
-        if sliders is None:
-            return found
-        for segment in np.flatnonzero(path.durations > 0.0).tolist():
-            came = self.chart.switches[segment - 1] if segment else None
-            mine = slice(*np.searchsorted(of, [segment, segment + 1]))
-            for slider in range(sliders.first, len(self.chart.start)):
-                slip, status = self._slip(segment, slider), self.chart.statuses[segment][slider]
-                if status == PINNED:
-                    count = int(self._steps(np.array([segment]), _PULLS, _LEAST)[0])
-                    times = np.linspace(0.0, path.durations[segment], count + 1)
-                    heights = slip(times)
-                else:
-                    times, heights = tau[mine], rates[slider, mine] * self._back(slider, status)
-                places = (np.flatnonzero((heights[1:-1] > heights[:-2]) & (heights[1:-1] >= heights[2:])) + 1).tolist()
-                if came == (slider, PINNED):
-                    places.insert(0, 0)
-                for place in places:
-                    time, height = times[place], heights[place]
-                    if place and height > _LOW:
-                        time, height = peak(slip, times[place - 1], times[place + 1])
-                    phase = float(path.times[segment] + time) * self.problem.loads.omega
-                    found.append(Extreme(slider, segment, phase, float(height)))
-        return found
-
-    def _back(self, slider: int, status: int) -> float:
-        """Return the factor by which the speed of a slider that slides becomes a height, s/m."""
-        size = float(np.linalg.norm(self.problem.space.contacts[slider]) * self.sizes[1])
-        return (-1.0 if status == UP else 1.0) / size
-
-    def _slip(self, segment: int, slider: int) -> Callable[[Array], Array]:
-        """Return by how much a slider that slides has turned back, or one that sticks exceeds its limit, by times."""
-        sliders, status = self.problem.course.sliders, self.chart.statuses[segment]
-        if status[slider] == PINNED:
-            assert sliders is not None
-            pull, limit = self.chart.pull(self.problem, self.path, segment, slider), sliders.static
-            return lambda tau: np.abs(pull(tau)) / limit[slider - sliders.first] - 1.0
-        row, motion = self.problem.space.contacts[slider][None], self.path.motion(segment)
-        over, begin = motion.regime.over_blocks(row)[1], float(row[0] @ motion.velocity[0])
-        back = self._back(slider, int(status[slider]))
-
-        def slip(tau: Array) -> Array:
-            changes = motion.regime.changes(motion.starts, np.zeros(tau.size, dtype=np.int64), tau)
-            return np.asarray(back * (flat(changes) @ over + begin))
-
-        return slip
-
-    def _steps(self, segments: Integers, whole: int, least: int) -> Integers:
-        """Return the numbers of equal steps in segments, of so many in the whole orbit and at least in each."""
-        share = self.path.durations[segments] / self.problem.duration
-        return np.maximum(least, (whole * share).astype(np.int64))
-
-    def extremes_among(
-        self, segments: Integers, tau: Array, u: Array, rates: Array, contact: int | None = None
-    ) -> list[Extreme]:
-        """Return the extremes between samples, of one contact or, by default, of those open or closed.
-
-        `segments`, `tau` have shape (n_times,), `u` and `rates` of all contacts (n_contacts, n_times).
-        """
-        problem, path, laws = self.problem, self.path, self.problem.system.contacts
-        assert laws is not None
-        rows, gaps, sizes = problem.space.contacts, laws.gap, self.size_of(range(len(laws)))
-        statuses = np.array(self.chart.statuses)[segments].T
-        signs = np.where(statuses == CLOSED, -1.0, 1.0)
-        # A slider that sticks all along has no size.
-        values, rates = signs * (u - gaps[:, None]) / np.where(sizes > 0.0, sizes, np.inf)[:, None], signs * rates
-        mine = statuses[:, :-1] < PINNED if contact is None else np.arange(len(laws))[:, None] == contact
-        inside = mine & (segments[:-1] == segments[1:])
-        turns = (rates[:, :-1] > 0.0) & (rates[:, 1:] <= 0.0) & inside
-        j, i = np.nonzero(turns)
-        low, high = tau[i], tau[i + 1]
-        places = low + (high - low) * rates[j, i] / (rates[j, i] - rates[j, i + 1])
-        heights = np.maximum(values[j, i], values[j, i + 1]) + 0.25 * (high - low) * rates[j, i] / sizes[j]
-        # At a gap two turns between samples are told apart where the rate between them has its extreme.
-        of, at = np.nonzero((values[:, :-1] > _AT_GAP) & inside & ~turns)
-        ways, steps = sizes[of] * (values[of, at + 1] - values[of, at]), tau[at + 1] - tau[at]
-        share = least_rate(rates[of, at], rates[of, at + 1], ways, steps)
-        known = np.isfinite(share)
-        if known.any():
-            of, at, cut = of[known], at[known], (tau[at] + share * steps)[known]
-            there = signs[of, at] * path.rows(rows, segments[at])(cut)[1][of, np.arange(of.size)]
-            twice = there * rates[of, at] < 0.0
-            of, at, cut = of[twice], at[twice], cut[twice]
-            rises = rates[of, at] > 0.0
-            j, i, heights = np.append(j, of), np.append(i, at), np.append(heights, 0.0 * cut)
-            low, high = (
-                np.append(low, np.where(rises, tau[at], cut)),
-                np.append(high, np.where(rises, cut, tau[at + 1])),
-            )
-            places = np.append(places, cut)
-        near = heights > _LOW
-        of, where = j[near], i[near]
-        places[near], there = turning_points(path.rows(rows, segments[where]), of, low[near], high[near])
-        heights[near] = signs[of, where] * (there - gaps[of]) / sizes[of]
-        phases = (path.times[segments[i]] + places) * problem.loads.omega
-        found = j.tolist(), segments[i].tolist(), phases.tolist(), heights.tolist()
-        return sorted(map(Extreme, *found))
-
-    def size_of(self, contacts: Sequence[int] | int) -> Array:
-        """Return the sizes by which heights of extremes of contacts are divided."""
-        laws = self.problem.system.contacts
-        assert laws is not None
-        norms = np.linalg.norm(self.problem.space.contacts[contacts], axis=-1)
-        return np.maximum(norms * self.sizes[0], np.abs(laws.gap[contacts]))
 
     @cached_property
     def _ran(self) -> tuple[bool, float]:
@@ -353,7 +195,7 @@ class SignatureEvaluation:
         laws = self.problem.system.contacts
         assert laws is not None
         z, _ = self.problem.to_modes(self.y[: self.problem.size])
-        inside, allowed = self.problem.space.contacts @ z - laws.gap, CLOSES * self.size_of(range(len(laws)))
+        inside, allowed = self.problem.space.contacts @ z - laws.gap, CLOSES * self.gaps.size_of(range(len(laws)))
         start = np.array(self.chart.start)
         return bool(np.all((np.where(start == CLOSED, -inside, inside) <= allowed)[start < PINNED]))
 
@@ -382,7 +224,7 @@ class SignatureEvaluation:
     @cached_property
     def held(self) -> Array:
         """The Jacobian matrix where sliders that stick all along keep their places; that of multipliers."""
-        places, n = self.chart.places(self.problem), self.problem.size
+        places, n = places_of(self.problem, self.chart.statuses), self.problem.size
         if places is None or not self.jacobian.size:
             return self.jacobian
         found = self.jacobian.copy()
@@ -464,69 +306,12 @@ class SignatureEvaluation:
 
 
 @dataclass(frozen=True)
-class Signature:
+class Signature(Switches):
     """The contact switches of orbits, and the coordinates that belong to them."""
-
-    start: tuple[int, ...]  #: Status of all contacts at the anchor.
-    switches: tuple[Switch, ...]  #: In the order of time from the anchor on.
-    anchor: float  #: Phase of the loads in rad at which the state is an unknown.
-    periods: int  #: Periods of the loads after which orbits repeat.
 
     #: Orbits are divided into segments, whose switches are watched, and which begin in states that are unknowns too.
     segmented: ClassVar[bool] = True
     lifted: ClassVar[bool] = True
-
-    @property
-    def turn(self) -> float:
-        """Length of the orbit in rad."""
-        return 2.0 * np.pi * self.periods
-
-    @cached_property
-    def statuses(self) -> list[NDArray[np.int64]]:
-        """Status of the contacts in each segment, each of shape (n_contacts,)."""
-        found = [np.array(self.start, dtype=np.int64)]
-        for contact, status in self.switches:
-            found.append(found[-1].copy())
-            found[-1][contact] = status
-        return found
-
-    @cached_property
-    def partners(self) -> list[int | None]:
-        """For every switch the one before of the same contact, if there is one after the anchor."""
-        found: list[int | None] = []
-        latest: dict[int, int] = {}
-        for k, (contact, status) in enumerate(self.switches):
-            found.append(latest.pop(contact, None))
-            if status == self.statuses[k][contact] or max(status, self.statuses[k][contact]) > PINNED:
-                # The coordinate between two impacts is no short touch, and that of a slider is free.
-                found[-1] = None
-            else:
-                latest[contact] = k
-        return found
-
-    @cached_property
-    def struck(self) -> list[int]:
-        """For every switch the rigid stop that is hit, or -1."""
-        return [j if now[j] == status else -1 for now, (j, status) in zip(self.statuses, self.switches, strict=False)]
-
-    def lengths(self, y: Array) -> Array:
-        """Return the lengths of all segments in rad, shape (n_switches + 1,)."""
-        known = y[y.size - len(self.switches) :]
-        return np.append(known, self.turn - known.sum())
-
-    def rates(self, direction: Array) -> Array:
-        """Return the changes of all lengths in a direction of the coordinates and the parameter, (n_switches + 1,)."""
-        known = direction[direction.size - 1 - len(self.switches) : -1]
-        return np.append(known, -known.sum())
-
-    def longest(self, lengths: Array) -> int:
-        """Return the longest of segments, (n_switches + 1,); one in which nothing rests may be much shorter."""
-        moves = np.array([PINNED not in status for status in self.statuses])
-        return int(np.argmax(np.where(moves, lengths, _AT_REST * lengths)))
-
-    def phases(self, y: Array) -> Array:
-        """Return the phases of the switches in rad, shape (n_switches,)."""
-        return np.asarray(self.anchor + np.cumsum(y[y.size - len(self.switches) :]))
 
     # -- equations ------------------------------------------------------------------------------------
 
@@ -559,10 +344,10 @@ class Signature:
         least = problem.least
         path = replace(path, sizes=(max(path.sizes[0], least), max(path.sizes[1], omega * least))) if least else path
         residual, jacobian = np.empty(n + k), np.empty((m, m))
-        closing, places = problem.unmodal(path.ends[-1]) - y[:n], self.places(problem)
+        closing, places = problem.unmodal(path.ends[-1]) - y[:n], places_of(problem, self.statuses)
         moved = path.columns
         if places is not None:
-            off, centred = self._centring(problem, path, places, columns, lengthen)
+            off, centred = centring(problem, path, places, columns, lengthen)
             closing = closing + problem.unmodal(places.moves @ off)
             moved = moved + places.moves @ centred
         residual[:n] = closing
@@ -582,86 +367,6 @@ class Signature:
         if not np.all(np.isfinite(residual)):
             error = np.inf
         return SignatureEvaluation(self, problem, y.copy(), path, residual, jacobian, error, path.sizes, sizes)
-
-    def places(self, problem: Shooting) -> Places | None:
-        """Return what the places of sliders do that stick all along; None where none does."""
-        sliders = problem.course.sliders
-        if sliders is None:
-            return None
-        every = np.all(np.array(self.statuses) == PINNED, axis=0)
-        every[: sliders.first] = False
-        if not every.any():
-            return None
-        kept, rows = problem.course.stuck(self.statuses[0]), problem.space.contacts[every]
-        assert kept is not None
-        moves = np.linalg.pinv(rows)
-        stiffness = kept.reaction[every[self.statuses[0] == PINNED]] @ moves
-        back = np.linalg.pinv(stiffness, rcond=FREE) if problem.centred else np.zeros_like(stiffness)
-        return Places(
-            np.flatnonzero(every).tolist(), np.concatenate([rows, 0.0 * rows], axis=1),
-            np.concatenate([moves, 0.0 * moves]), back, np.eye(len(rows)) - back @ stiffness,
-        )  # fmt: skip
-
-    def _centring(
-        self, problem: Shooting, path: Path, places: Places, columns: Array, lengthen: Array
-    ) -> tuple[Array, Array]:
-        """Return how far sliders that stick all along rest from their centres, (k,), and derivatives, (k, columns).
-
-        Such a slider may rest in many places. In its centre its largest and its least force are alike: there end the
-        orbits in which it slides to and fro for shorter and shorter times. It stays where its force does not depend on
-        the place, and where the problem does not ask for more. `columns`, `lengthen`: as in `Course.along`.
-        """
-        held = places.stays @ (places.rows @ columns)
-        if not places.back.any():
-            return np.zeros(len(places.sliders)), held
-        cuts = sorted(
-            (segment, time, j, way)
-            for j, slider in enumerate(places.sliders)
-            for segment, time, way in self._strongest(problem, path, slider)
-        )
-        # The segments are divided there, at times that follow their begins.
-        whole = [(k, tau, 1.0) for k, tau in enumerate(path.durations.tolist())]
-        of, ends, lasts = zip(*sorted([*((k, tau, 0.0) for k, tau, _, _ in cuts), *whole]), strict=True)
-        again = [k > 0 and of[k] == of[k - 1] for k in range(len(of))]
-        begins = np.array([ends[k - 1] if same else 0.0 for k, same in enumerate(again)])
-        given = [path.state(of[k], begins[k]) if same else path.begins[of[k]] for k, same in enumerate(again)]
-        split = problem.course.along(
-            float(path.times[0]), path.begins[0], [path.statuses[k] for k in of], np.array(ends) - begins, columns,
-            lengthen[list(of)] * np.array(lasts)[:, None], every=True, given=np.array(given),
-        )  # fmt: skip
-        middle, slopes = np.zeros(len(places.sliders)), np.zeros((len(places.sliders), columns.shape[1]))
-        for number, (segment, _, j, way) in enumerate(cuts):
-            force, slope, _ = self._released(problem, split, segment + number, places.sliders[j], way)
-            middle[j] += 0.5 * force
-            slopes[j] += 0.5 * slope
-        return places.back @ middle, places.back @ slopes + held
-
-    def _strongest(self, problem: Shooting, path: Path, slider: int) -> list[tuple[int, float, int]]:
-        """Return the segment, the time in it and the way in which the force of a slider is the largest, of both ways."""
-        sampled = []
-        for segment in np.flatnonzero(path.durations > 0.0).tolist():
-            pull = self.pull(problem, path, segment, slider)
-            times = np.linspace(0.0, path.durations[segment], _LEAST + 1)
-            sampled.append((segment, times, pull, pull(times)))
-        found = list[tuple[int, float, int]]()
-        for way, sign in ((UP, 1.0), (DOWN, -1.0)):
-            # Between two segments samples are the same, and the largest force may lie in either of them.
-            most, peaks = max(float((sign * forces).max()) for *_, forces in sampled), list[tuple[float, int, float]]()
-            for segment, times, pull, forces in sampled:
-                k = int(np.argmax(sign * forces))
-                if sign * forces[k] >= most - _BESIDE * abs(most):
-                    time, force = peak(pull, times[max(k - 1, 0)], times[min(k + 1, _LEAST)], sign)
-                    peaks.append((force, segment, time))
-            found.append((*max(peaks)[1:], way))
-        return found
-
-    def pull(self, problem: Shooting, path: Path, segment: int, slider: int) -> Callable[[Array], Array]:
-        """Return the force of a slider that sticks, by times in a segment, (n_times,)."""
-        status = self.statuses[segment]
-        kept, held = problem.course.stuck(status), int(np.sum(status[:slider] == PINNED))
-        assert kept is not None
-        motion, begin = path.motion(segment), float(kept.reaction[held] @ path.starts[segment, : problem.size // 2])
-        return lambda tau: np.asarray(motion.reactions(tau)[held] + begin)
 
     def _begins(self, problem: Shooting, y: Array, near: SignatureEvaluation | States) -> Array:
         """Return modal states in which segments begin, shape (k + 1, 2n), from those at coordinates nearby."""
@@ -725,7 +430,7 @@ class Signature:
                     values[index], sizes[index] = problem.loads.omega * path.durations[index], 1.0
                     derived[index] = problem.loads.omega * (path.shifts[index] - path.shifts[index - 1])
                     continue
-                values[index], derived[index], sizes[index] = self._released(problem, path, index, contact, status)
+                values[index], derived[index], sizes[index] = released(problem, path, index, contact, status)
             elif before > PINNED:
                 # A slider comes to rest.
                 values[index], sizes[index] = rows[contact] @ path.ends[index, n:], norms[index] * path.sizes[1]
@@ -735,16 +440,6 @@ class Signature:
     @cached_property
     def _contacts(self) -> NDArray[np.int64]:
         return np.array([contact for contact, _ in self.switches], dtype=np.int64)
-
-    @cached_property
-    def successive(self) -> list[tuple[int, int]]:
-        """Pairs of switches of one contact with none of it in between, but for those over the anchor."""
-        found, latest = [], dict[int, int]()
-        for k, (contact, _) in enumerate(self.switches):
-            if contact in latest:
-                found.append((latest[contact], k))
-            latest[contact] = k
-        return found
 
     @cached_property
     def _since(self) -> list[int | None]:
@@ -760,24 +455,6 @@ class Signature:
     def _again(self) -> NDArray[np.int64]:
         """Numbers of the switches whose coordinates have changed as much as nothing since an earlier one."""
         return np.array([k for k, since in enumerate(self._since) if since is not None], dtype=np.int64)
-
-    @cached_property
-    def settling(self) -> set[int]:
-        """The impacts with which bodies bounce until they rest, by their numbers."""
-        statuses = (int(status[s.contact]) for status, s in zip(self.statuses, self.switches, strict=False))
-        return bounces([(s.contact, before, s.status) for s, before in zip(self.switches, statuses, strict=True)])
-
-    @cached_property
-    def leaves(self) -> list[tuple[int, int]]:
-        """Pairs of switches between which something that rested at a contact leaves it, and comes back."""
-        s = self.switches
-        return [(p, k) for p, k in self.successive if self.statuses[p][s[p].contact] == PINNED and s[p].status == OPEN]
-
-    @property
-    def impacts(self) -> set[tuple[int, int]]:
-        """Rigid stops and the numbers of their impacts, but for those with which bodies bounce until they rest."""
-        mine = [j for k, j in enumerate(self.struck) if j >= 0 and k not in self.settling]
-        return {(j, mine.count(j)) for j in mine}
 
     def _let_go(self, problem: Shooting, path: Path, index: int) -> bool:
         """Return whether a pinned contact is released at once because a switch before it lets its reaction jump."""
@@ -795,43 +472,6 @@ class Signature:
         )
         full = float(laws.stiffness[contact] * laws.gap[contact])
         return before < full <= after if status == CLOSED else after <= 0.0 < before
-
-    @staticmethod
-    def _released(problem: Shooting, path: Path, index: int, contact: int, status: int) -> tuple[float, Array, float]:
-        """Return the equation of a release: the reaction reaches zero, or the force of the closed contact."""
-        laws, n = problem.system.contacts, problem.size // 2
-        assert laws is not None
-        held = int(np.sum(path.statuses[index][:contact] == PINNED))
-        motion, duration = path.motion(index), float(path.durations[index])
-        base, full = motion.regime.base, float(laws.stiffness[contact] * laws.gap[contact])
-        force = base.quantities.reactions
-        assert force is not None
-        value = float(motion.reactions(np.array([duration]))[held, 0]) - (full if status == CLOSED else 0.0)
-        columns = path.all_columns[index] if path.all_columns.size else np.empty((2 * n, path.shifts.shape[1]))
-        rates = problem.course.loads.at(np.array([float(path.times[index]) + duration]))[0, 1]
-        pushed = force.share[held] @ base.forces[0][:, motion.regime.kind.function + 1]
-        real, moved, kept = motion.spectrum.real, columns[:n], problem.course.stuck(path.statuses[index])
-        if kept is not None:
-            value += float(kept.reaction[held] @ path.ends[index, :n])
-            moved = moved - kept.carry @ moved
-        derived = force.displacement[held] @ real.down(moved) + force.velocity[held] @ real.down(columns[n:])
-        if kept is not None:
-            derived = derived + kept.reaction[held] @ columns[:n]
-        if status > PINNED:
-            # A slider breaks away.
-            sliders = problem.course.sliders
-            assert sliders is not None
-            full = float(sliders.static[contact - sliders.first])
-            value -= full if status == UP else -full
-        elif laws.rigid[contact]:
-            full = float(np.abs(force.displacement[held]) @ np.abs(real.down(path.ends[index, :n])))
-            full += float(np.abs(pushed) @ np.abs(rates)) / problem.loads.omega
-        # The columns move with the end of the segment, the load's phase does too.
-        return (
-            value,
-            derived + float(pushed @ rates) * path.shifts[index],
-            full,
-        )
 
     # -- coordinates ----------------------------------------------------------------------------------
 
@@ -919,23 +559,6 @@ class Signature:
                     return True
         return False
 
-    def stops(self, problem: Shooting) -> list[Stop]:
-        """Return where sliders stop that hold points of contacts; none of those that rest at the anchor."""
-        sliders, found = problem.course.sliders, list[Stop]()
-        if sliders is None:
-            return found
-        rows = problem.space.contacts / np.linalg.norm(problem.space.contacts, axis=1, keepdims=True)
-        parallel = np.abs(rows @ rows[: sliders.first].T) >= 1.0 - ROUNDING
-        for k, (slider, status) in enumerate(self.switches):
-            held = np.flatnonzero(parallel[slider]).tolist()
-            if self.statuses[k][slider] <= PINNED or not held:
-                continue
-            later = (j for j in range(k + 1, len(self.switches)) if self.switches[j].contact == slider)
-            last = next(later, None) if status == PINNED else k
-            if last is not None:
-                found.append(Stop(k, last, held))
-        return found
-
     def first_touch(self, evaluation: SignatureEvaluation, flow: Flow) -> Extreme | None:
         """Return the extreme at the first touch of a flow that is none of the signature's, found however short."""
         problem, y = evaluation.problem, evaluation.y
@@ -961,9 +584,9 @@ class Signature:
             high = min((later[0] / omega - begun) if later else duration, duration)
             if high <= low:
                 return None
-            tau = np.linspace(low, high, _LEAST + 1)
+            tau = np.linspace(low, high, LEAST + 1)
             of = np.full(tau.size, segment)
-            found = evaluation.extremes_among(
+            found = evaluation.gaps.among(
                 of, tau, *evaluation.path.rows(problem.space.contacts, of)(tau), event.contact
             )
             return max(found, key=lambda e: e.height, default=None)
@@ -986,41 +609,7 @@ class Signature:
                 found[k] = (pull if status == UP else -pull) / limit - 1.0
         return found
 
-    @cached_property
-    def spells(self) -> list[tuple[int, int]]:
-        """Pairs of switches between which a slider sticks, or slides until it sticks, but for those over the anchor."""
-        found = []
-        began: dict[int, int] = {}
-        for k, (contact, status) in enumerate(self.switches):
-            if PINNED in (status, self.statuses[k][contact]) and contact in began:
-                found.append((began[contact], k))
-            if max(status, self.statuses[k][contact]) > PINNED:
-                began[contact] = k
-        return [(p, k) for p, k in found if PINNED in (self.switches[p].status, self.switches[k].status)]
-
     # -- other signatures -----------------------------------------------------------------------------
-
-    def edited(
-        self, y: Array, gone: Sequence[int] = (), added: Sequence[tuple[int, float, Switch]] = ()
-    ) -> tuple[Signature, Array, list[int]]:
-        """Return the signature without some switches and with others, its coordinates, and the numbers of the others.
-
-        Each of `added` comes with the number of the switch before which it is placed, and with its phase in rad.
-        """
-        lengths, kept = self.lengths(y), [k for k in range(len(self.switches)) if k not in gone]
-        begins = np.append(self.anchor, self.phases(y))
-        # Number, phase in its segment, and switch; lengths that stay are exact, because short touches need all digits.
-        every = [(k, float(phase - begins[k]), switch) for k, phase, switch in added]
-        every += [(k, float(lengths[k]), self.switches[k]) for k in kept]
-        order = sorted(range(len(every)), key=lambda index: every[index][0])
-        changed, at, past = [], 0, 0.0
-        for index in order:
-            k, end, _ = every[index]
-            changed.append(float(lengths[at:k].sum()) - past + end)
-            at, past = (k, end) if index < len(added) else (k + 1, 0.0)
-        new = replace(self, switches=tuple(every[index][2] for index in order))
-        numbers = [order.index(index) for index in range(len(added))]
-        return new, np.append(y[: y.size - len(self.switches)], changed), numbers
 
     def begins_of(
         self, known: SignatureEvaluation, gone: Sequence[int] = (), added: Sequence[tuple[int, float, Switch]] = ()
@@ -1036,37 +625,6 @@ class Signature:
             else:
                 begins.append(path.begins[next(kept) + 1])
         return States(y, known.problem.unmodal(np.array(begins).T).T)
-
-    @cached_property
-    def touches(self) -> list[tuple[int, int]]:
-        """Pairs of switches of one contact of which the second undoes the first."""
-        found = []
-        for k, partner in enumerate(self.partners):
-            if partner is not None:
-                pinned = PINNED in (self.switches[partner].status, self.switches[k].status)
-                if not pinned and self.statuses[partner][self.switches[k].contact] != PINNED:
-                    found.append((partner, k))
-        return found
-
-    def doubled(self, y: Array) -> tuple[Signature, Array]:
-        """Return the signature of the orbits over twice as many periods, and the coordinates of an orbit in it."""
-        k = len(self.switches)
-        lengths = self.lengths(y)
-        n = y.size - k
-        double = Signature(self.start, self.switches * 2, self.anchor, 2 * self.periods)
-        if not k:
-            return double, y.copy()
-        joined = lengths[-1] + lengths[0]
-        return double, np.concatenate([y[:n], lengths[:k], [joined], lengths[1:k]])
-
-    def halved(self, y: Array) -> tuple[Signature, Array] | None:
-        """Return the signature of the orbits over half as many periods, if the switches repeat after half the orbit."""
-        k = len(self.switches)
-        if self.periods % 2 or k % 2 or self.switches[: k // 2] != self.switches[k // 2 :]:
-            return None
-        n = y.size - k
-        half = Signature(self.start, self.switches[: k // 2], self.anchor, self.periods // 2)
-        return half, np.concatenate([y[:n], y[n : n + k // 2]])
 
     def recentred(
         self, known: SignatureEvaluation, y: Array, tangent: Array

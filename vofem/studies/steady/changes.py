@@ -1,0 +1,440 @@
+"""Changes of an orbit's signature along a branch: what begins or ends, and switches that change their order."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from vofem.arrays import Array
+from vofem.errors import ConvergenceError
+from vofem.integrators.event_driven.pinned import PIN_FRACTION
+from vofem.studies.steady.beside import (
+    ASIDE,
+    away_along,
+    lasting_of,
+    not_turned,
+    orbit_beyond,
+    orbit_inside,
+    orbit_outside,
+    with_length,
+)
+from vofem.studies.steady.between import Step, point_between
+from vofem.studies.steady.family import Family
+from vofem.studies.steady.gaps import ROUNDING, stops_of
+from vofem.studies.steady.near import polished
+from vofem.studies.steady.point import Point, level, point_at
+from vofem.studies.steady.shooting import CLOSES
+from vofem.studies.steady.signature import AT_ONCE, Signature, signature_of
+from vofem.studies.steady.watched import (
+    NEARLY,
+    SAME,
+    Change,
+    Mark,
+    Pair,
+    is_end,
+    law_of,
+    newly_touching,
+    paired,
+    run_of,
+    slips_between,
+    spans_of,
+    turns_between,
+    vanished,
+    watched_at,
+)
+from vofem.system import PINNED
+
+#: Rate at which an extreme moves away from its gap, over the size of the motion and in scaled coordinates, that may be
+#: rounding.
+_LEAVES = 1e-5
+
+#: Share of a step beyond its end up to which a change may lie, and distance before its begin that is rounding.
+_OUTSIDE, _BEHIND = 0.05, 1e-8
+
+#: Share of a step up to which a change may be the one at which the step begins.
+_AT_BEGIN = 1e-6
+
+#: Changes that are located in one step at most, to find the first of them.
+_MOST = 8
+
+#: How many orbits inside a step are looked at where a change may hide.
+_LOOKS = 6
+
+#: Distance of an extreme from its gap over the size of the motion, in terms of the step, up to which it may reach the
+#: gap inside the step; and a value inside, as a share of the smaller one at the ends, that leaves no doubt.
+_REACH, _CLEAR = 0.1, 0.2
+
+#: Distance up to which an extreme may have come past a switch, and by how much farther than where one vanishes an
+#: orbit is looked at.
+_BESIDE_GAP, _FARTHER = 1e-6, 0.1
+
+#: Distance in scaled coordinates of orbits that rest at a gap after different numbers of touches, and least cosine of
+#: the angle between their branches.
+_RESTS, _STRAIGHT = 1e-4, 0.9
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A change of the signature."""
+
+    before: Point  #: The last orbit with the old signature.
+    at: Point  #: The orbit at the change.
+    after: Point | None  #: The first orbit with the new signature; None where several branches may begin.
+    grazed: tuple[int, ...]  #: Contacts that are grazed.
+
+
+def passage(family: Family, now: Point, after: Point) -> Passage | None:
+    """Return the first change of the signature between two neighbours; None if there is none and the orbit repeats.
+
+    Raises `ConvergenceError` if the change cannot be located, or the second orbit does not repeat under an ordinary
+    run.
+    """
+    chart: Signature = now.chart
+    lengths = chart.lengths(after.y[:-1])
+    if min(lengths[0], lengths[-1]) <= 0.0:
+        raise ConvergenceError("a switch passed the phase at which the state is an unknown")
+    if any(float(lengths[p + 1 : k + 1].sum()) <= 0.0 for p, k in chart.leaves):
+        raise ConvergenceError("a body came back to a rigid stop before it left it")
+    changes = _changes(now, after)
+    if not changes and not after.evaluation.repeats:
+        away = after.evaluation.closing
+        raise ConvergenceError(
+            f"the orbit does not repeat under an ordinary run, by {away:.1e} of the motion{_rested(after)}"
+            if away > CLOSES
+            else f"contacts and sliders switch in another order in an ordinary run over the orbit{_rested(after)}"
+        )
+    return _earliest(family, now, after, _first(family, now, after, changes) if changes else None)
+
+
+def _changes(now: Point, after: Point, without: Collection[Pair] = ()) -> list[Change]:
+    """Return all changes of the signature between two neighbours, except of some pairs.
+
+    Where they show none and an ordinary run does not repeat, its first touch is one.
+    """
+    # Beside a segment of negative length there are extremes that mean nothing.
+    found = vanished(now, after, without) or newly_touching(now, after)
+    return found if found or after.evaluation.repeats else newly_touching(now, after, run_of(after))
+
+
+def _rested(point: Point) -> str:
+    """Return which contacts a run lets rest at their gaps while the orbit touches them, as the end of a sentence."""
+    laws, own, flow = point.problem.system.contacts, point.chart.switches, run_of(point)
+    rests = {e.contact for e in flow.events if e.after == PINNED and law_of(point.problem, e.contact) == "jump"}
+    names = [repr(laws.names[j]) for j in sorted(rests) if (j, PINNED) not in own]
+    if not names:
+        return ""
+    return f": the run lets {' and '.join(names)} rest at the gap where touches are lower than {PIN_FRACTION:g} of it"
+
+
+def _earliest(family: Family, now: Point, after: Point, found: Passage | None) -> Passage | None:
+    """Return what is hidden before a change that was found, or before the second of two neighbours; else the change."""
+    hidden = _hidden(family, now, after if found is None else found.before)
+    return found if hidden is None else _first(family, now, *hidden)
+
+
+def _hidden(family: Family, now: Point, after: Point, looks: int = _LOOKS) -> tuple[Point, list[Change]] | None:
+    """Return an orbit between two neighbours and its changes, which are undone before the second neighbour."""
+    share = _lowest(family, now, after) if looks and isinstance(now.chart, Signature) else None
+    if share is None:
+        return None
+    middle = point_between(family, Step(now, after), share)
+    changes = vanished(now, middle) or newly_touching(now, middle)
+    if changes:
+        return middle, changes
+    before = _hidden(family, now, middle, looks - 1)
+    return _hidden(family, middle, after, looks - 1) if before is None else before
+
+
+def _lowest(family: Family, now: Point, after: Point) -> float | None:
+    """Return where between two neighbours a length or the distance of an extreme from its gap may become negative.
+
+    Each follows Hermite's cubic through its values and slopes at both. None where all stay away from zero.
+    """
+    chart: Signature = now.chart
+    secant = (after.y - now.y) / now.scales
+    step = float(np.linalg.norm(secant))
+    if not step > 0.0:
+        return None
+    # Derivatives along the branch, times this, are those by the share of the step.
+    along = [step**2 / max(float(secant @ (p.tangent * p.scales / now.scales)), 0.1 * step) for p in (now, after)]
+    ends = np.array([chart.lengths(p.y[:-1]) for p in (now, after)])
+    slopes = np.array([a * chart.rates(p.tangent * p.scales) for p, a in zip((now, after), along, strict=True)])
+    inside = [slice(p + 1, last + 1) for (p, _), last in spans_of(now.problem, chart).items()]
+    known = [(*ends[:, one].sum(axis=1), *slopes[:, one].sum(axis=1)) for one in inside]
+    heights, rates = _extremes_along(family, (now, after), along, -_REACH * step)
+    whole = np.isfinite(heights).all(axis=0)
+    # One that is at one end alone goes on evenly until it vanishes. A look is taken a little farther.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reached = (heights / rates + [[0.0], [1.0]])[:, ~whole]
+        reached = reached + [[_FARTHER], [-_FARTHER]] * np.minimum(reached, 1.0 - reached)
+    reached = reached[(reached > 0.0) & (reached < 1.0)]
+    if reached.size:
+        return float(reached.min())
+    # One close to its gap may have come past a switch.
+    halfway = 0.5 if np.any(heights[:, ~whole] > -_BESIDE_GAP) else None
+    known += list(map(tuple, np.concatenate([-heights, rates])[:, whole].T))
+    if not known:
+        return halfway
+    v0, v1, s0, s1 = np.array(known).T
+    # Where the derivative ``s0 + 2 b x + a x^2`` of the cubic vanishes.
+    a, b = 3.0 * (s0 + s1 - 2.0 * (v1 - v0)), 3.0 * (v1 - v0) - 2.0 * s0 - s1
+    with np.errstate(divide="ignore", invalid="ignore"):
+        pull = -(b + np.copysign(np.sqrt(b**2 - a * s0), b))
+        x = np.array([pull / a, s0 / pull])
+    x = np.where((x > 0.0) & (x < 1.0), x, 0.0)
+    low = v0 + x * (s0 + x * (b + x * a / 3.0)) - _CLEAR * np.minimum(v0, v1)
+    # What is zero at the second neighbour, where a touch ends, may have been negative before.
+    low[(x == 0.0) | (v0 <= AT_ONCE)] = np.inf
+    worst = np.unravel_index(low.argmin(), low.shape)
+    return float(x[worst]) if low[worst] < (-AT_ONCE if v1[worst[1]] <= AT_ONCE else 0.0) else halfway
+
+
+def _extremes_along(
+    family: Family, ends: tuple[Point, Point], along: Sequence[float], least: float
+) -> tuple[Array, Array]:
+    """Return heights above a least one of extremes at two neighbours, and rates at which they leave the gap, (2, k).
+
+    They are NaN where one is at the other end alone. `along`: factors of the derivatives along the branch.
+    """
+    pairs = paired(*(point.evaluation.extremes for point in ends))
+    pairs = [pair for pair in pairs if max(e.height for e in pair if e is not None) >= least]
+    found = np.full((2, 2, len(pairs)), np.nan)
+    for k, point in enumerate(ends):
+        mine = [(number, pair[k]) for number, pair in enumerate(pairs)]
+        known = {number: e for number, e in mine if e is not None}
+        new = [e for e in known.values() if e not in point.leaving]
+        if new:
+            point.leaving.update(
+                zip(new, away_along(family, point, [Mark(e.contact, e.phase) for e in new]), strict=True)
+            )
+        for number, e in known.items():
+            found[:, k, number] = e.height, along[k] * point.leaving[e]
+    return found[0], found[1]
+
+
+def _first(family: Family, now: Point, after: Point, changes: list[Change]) -> Passage:
+    """Return the first of some changes of the signature between two neighbours, and of those that come before it."""
+    last, pairs = after, tuple[Pair, ...]()
+    for _ in range(_MOST):
+        change = min(changes, key=lambda one: one.share)
+        if pairs and change.pairs and change.share >= 1.0 - SAME:
+            # Of two that end at one orbit, the first orbit beside it with one of them may lack the other.
+            change = change._replace(pairs=(*change.pairs, *pairs))
+        found, pairs = _located(family, now, last, change)
+        last = found.before
+        changes = _changes(now, last, pairs)
+        if not changes:
+            inner = last if pairs else found.after
+            # Where forces jump, what they do to rounding grows without bound at a grazing, but not beside it.
+            one = found.at if inner is not None and inner.chart.smooth(inner.problem) else inner
+            if one is not None and not one.evaluation.repeats:
+                raise ConvergenceError(
+                    f"the orbit at a change of contact at {one.value:.12g} does not repeat under an ordinary run, by "
+                    f"{one.evaluation.closing:.1e} of the motion"
+                )
+            return found
+    raise ConvergenceError("too many changes of contact in one step")
+
+
+def ending(family: Family, now: Point) -> Passage | None:
+    """Return the grazing ahead of an orbit with very short touches that become shorter; None if there is none.
+
+    Where several touches end at once the equations become singular, and steps towards this orbit fail.
+    """
+    chart: Signature = now.chart
+    lengths, rates = chart.lengths(now.y[:-1]), chart.rates(now.tangent * now.scales)
+    touches, spans = chart.touches, spans_of(now.problem, chart)
+    ahead = {
+        (p, k): float(lengths[p + 1 : last + 1].sum() / -rates[p + 1 : last + 1].sum())
+        for (p, k), last in spans.items()
+        if (p, k) in touches and 0.0 < lengths[p + 1 : last + 1].sum() < NEARLY and rates[p + 1 : last + 1].sum() < 0.0
+    }
+    if not ahead:
+        return None
+    first = min(ahead.values())
+    after = replace(now, y=now.y + 1.1 * first * now.tangent * now.scales)
+    pairs = tuple(pair for pair, distance in ahead.items() if distance <= (1.0 + SAME) * first)
+    found = _first(family, now, after, [Change(1.0 / 1.1, pairs)])
+    away = float(np.linalg.norm((found.before.y - now.y) / now.scales))
+    if found.after is None or away > 10.0 * NEARLY or abs(found.at.value - now.value) > NEARLY * family.interval.size:
+        raise ConvergenceError("a change of contact was found elsewhere")
+    return _earliest(family, now, after, found)
+
+
+def resting(family: Family, now: Point, guess: Array) -> Passage | None:
+    """Return the orbit at a guess ahead with the switches of an ordinary run there, of which some are rests at a gap.
+
+    Under the displacement law touches become shorter without end, and a run lets a contact rest after some of them.
+    Where their number changes, the orbits on both sides differ by less than such a touch does. So they do where a body
+    that rests at a rigid stop begins to leave it for a moment. None where no contact rests, where another contact
+    touches, and where the orbit belongs to another branch.
+    """
+    chart, problem, n = now.chart, family.of(guess), now.problem.size
+    new, y, found = chart, guess[:-1], None
+    for _ in range(_MOST):
+        if found is not None and found.repeats:
+            break
+        old = new.switches
+        new, y = signature_of(problem, new.flow(problem, y))
+        every = [chart.switches, new.switches]
+        rests = any(s.status == PINNED and law_of(problem, s.contact) != "stick" for one in every for s in one)
+        touching = [{s.contact for s in one} for one in every]
+        if not rests or new.switches == old or touching[0] != touching[1]:
+            return None
+        found = polished(new.evaluate(problem, y))
+        if found is None:
+            return None
+        y = found.y
+    else:
+        return None
+    inner = point_at(family, new, np.append(y, guess[-1]), level(y.size + 1, now.tangent[-1]), found)
+    scales = np.append(now.scales[:n], now.scales[-1])
+    ahead, beyond, away, own = (
+        np.append(x[:n], x[-1]) / scales
+        for x in (now.tangent * now.scales, inner.tangent * inner.scales, inner.y, guess)
+    )
+    along = float(ahead @ beyond) / float(np.linalg.norm(ahead) * np.linalg.norm(beyond))
+    if np.linalg.norm(away - own) > _RESTS or abs(along) < _STRAIGHT:
+        return None
+    return Passage(now, inner, inner if along > 0.0 else inner.turned(), ())
+
+
+def _located(family: Family, now: Point, after: Point, change: Change) -> tuple[Passage, tuple[Pair, ...]]:
+    """Return a change of the signature, and the switches of what ends there."""
+    old: Signature = now.chart
+    pairs, guess = change.pairs, now.y + change.share * (after.y - now.y)
+    near = now if change.share < 0.5 else after
+    if change.begins is not None:
+        if change.share <= _AT_BEGIN and away_along(family, now, [change.begins])[0] > 0.0:
+            # It has just been grazed, leaves the gap, and comes back within the step.
+            raise ConvergenceError("a contact leaves its gap and comes back in one step")
+        outer, every = orbit_outside(family, old, guess, change.begins, now.tangent, near.evaluation)
+        _between(now, after, outer.y)
+        outer = _along(now, outer)
+        return Passage(outer, outer, orbit_inside(family, outer, every), _contacts(every)), ()
+    if not is_end(old, pairs[0]):
+        return _swapped(family, now, after, guess, pairs[0][1], near.evaluation), pairs
+    phases = old.phases(guess[:-1])
+    gone = sorted({index for p, k in pairs for index in _gone(now.problem, old, p, k)})
+    during = {pair: stop for pair in pairs for stop in stops_of(now.problem, old) if pair[0] < stop.first < pair[1]}
+    middles = [
+        Mark(
+            old.switches[k].contact,
+            float(phases[during[p, k].first] if (p, k) in during else 0.5 * (phases[p] + phases[k])),
+            turns_between(old, p, k) and old.switches[p].status == PINNED,
+        )
+        for p, k in pairs
+    ]
+    out, y, _ = old.edited(guess[:-1], gone)
+    upwards = np.append(np.zeros(y.size), 1.0)
+    begins = old.begins_of(near.evaluation, gone)
+    outer, every = orbit_outside(family, out, np.append(y, guess[-1]), middles[0], upwards, begins)
+    ended: list[Mark] = []
+    for contact, middle, turns in middles:
+        mine = [mark for mark in every if mark.contact == contact and mark.turns == turns]
+        ended += sorted(mine, key=lambda mark: abs(mark.phase - middle))[:1]
+    if len(set(ended)) < len(pairs):
+        if len(pairs) > 1:
+            return _located(family, now, after, change._replace(pairs=pairs[:1]))
+        raise ConvergenceError("what ends at a grazing does not begin there on the way back")
+    # The orbit outside as one of the old signature: what ends has no length.
+    n = now.problem.size
+    phases[[k for k in range(phases.size) if k not in gone]] = out.phases(outer.y[:-1])
+    for (p, k), mark in zip(pairs, ended, strict=True):
+        stop = during.get((p, k))
+        phases[[p, k]] = mark.phase if stop is None else phases[[stop.first, stop.last]]
+    left = outer.y[n + len(out.switches) :]
+    zero = np.concatenate([outer.y[:n], np.diff(np.append(old.anchor, phases)), left])
+    slips = any(slips_between(old, *pair) for pair in pairs)
+    if not slips:
+        _between(now, after, zero)
+    groups: list[Pair] = []
+    for p, k in sorted(pairs):
+        if groups and p < groups[-1][1]:
+            groups[-1] = groups[-1][0], max(groups[-1][1], k)
+        else:
+            groups.append((p, k))
+    inner = orbit_beyond(family, old, zero, [lasting_of(now.problem, old, p, k) for p, k in groups], near.evaluation)
+    if inner is None:
+        raise ConvergenceError("what ends at a grazing does not do so in one direction of the branch")
+    if slips:
+        _between(now, after, inner.y)
+    before, values = inner.turned(), watched_at(now)
+    nearer = watched_at(before)
+    if any(not 0.0 < nearer[pair][0] < values[pair][0] for pair in pairs):
+        before = now
+    if _opposed(family, before, outer, ended[0]):
+        outer = outer.turned()
+    others = [mark for mark in every if mark not in ended]
+    laws = {law_of(now.problem, mark.contact) for mark in others}
+    beyond: Point | None = outer
+    if laws & {"impact", "smooth"}:
+        # Those that touched no longer do, and those that did not begin to: so this branch crosses that without touches.
+        beyond = None if "impact" in laws else orbit_inside(family, outer, others)
+    return Passage(not_turned(before, outer), outer, beyond, _contacts(every)), pairs
+
+
+def _opposed(family: Family, before: Point, outer: Point, ended: Mark) -> bool:
+    """Return whether the orbit outside has the direction from which a branch comes, and not that in which it goes on.
+
+    The branch goes on where what has ended moves away. Where that is rounding, and forces are smooth, states change
+    evenly through a grazing; beside a stiff contact they do so within a length that is rounding only.
+    """
+    away = float(away_along(family, outer, [ended])[0])
+    if law_of(outer.problem, ended.contact) != "smooth" or abs(away) > _LEAVES:
+        return away < 0.0
+    own = [*range(outer.problem.size), -1]
+    come, gone = ((point.tangent * point.scales)[own] / outer.scales[own] for point in (before, outer))
+    return bool(come @ gone < 0.0)
+
+
+def _contacts(marks: Sequence[Mark]) -> tuple[int, ...]:
+    return tuple(sorted(mark.contact for mark in marks))
+
+
+def _swapped(family: Family, now: Point, after: Point, guess: Array, k: int, near: Any) -> Passage:
+    """Return the orbit in which two contacts switch at one time, and the same one with the switches in other order."""
+    chart: Signature = now.chart
+    place = now.problem.size + k
+    at = with_length(family, chart, guess, place, 0.0, near)
+    _between(now, after, at.y)
+    one, other = (at.problem.space.contacts[chart.switches[j].contact] for j in (k - 1, k))
+    coupled = abs(one @ other) > ROUNDING * float(np.linalg.norm(one) * np.linalg.norm(other))
+    if max(chart.struck[k - 1 : k + 1]) >= 0 and coupled:
+        raise ConvergenceError(
+            "two impacts happen at the same time, of bodies that move each other; beyond, their order is another one, "
+            "and so is the motion"
+        )
+    edit = [k], [(k - 1, float(chart.phases(at.y[:-1])[k]), chart.switches[k])]
+    new, y, _ = chart.edited(at.y[:-1], *edit)
+    towards = np.zeros(at.y.size)
+    towards[place] = 1.0
+    beyond = point_at(family, new, np.append(y, at.value), towards, near=chart.begins_of(at.evaluation, *edit))
+    return Passage(_along(now, at), at, beyond, ())
+
+
+def _gone(problem: Any, chart: Signature, p: int, k: int) -> list[int]:
+    """Return the switches that the orbit outside does not have, of what ends between two of them."""
+    if law_of(problem, chart.switches[k].contact) != "stick":
+        return [p, k]
+    if k != p + 1:
+        raise ConvergenceError("a slider ceases to stick while contacts switch")
+    return [p] if turns_between(chart, p, k) else [p, k]
+
+
+def _between(now: Point, after: Point, y: Array) -> None:
+    """Raise where coordinates do not lie between two neighbours."""
+    secant, away = (after.y - now.y) / now.scales, (y - now.y) / now.scales
+    length = float(np.linalg.norm(secant))
+    share = float(away @ secant) / length**2 if length > 0.0 else 0.0
+    aside = float(np.linalg.norm(away - share * secant))
+    if not -_BEHIND <= share * length <= (1.0 + _OUTSIDE) * length or aside > ASIDE * length + 1e-9:
+        raise ConvergenceError("a change of contact was found elsewhere")
+
+
+def _along(now: Point, point: Point) -> Point:
+    """Return a point with its tangent in the direction of a step."""
+    return point if point.tangent @ now.tangent >= 0.0 else point.turned()
