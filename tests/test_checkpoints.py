@@ -112,6 +112,8 @@ def test_files_that_are_no_checkpoints(tmp_path):
     with pytest.raises(vf.OutputError, match=r"exists already; go on from it with vofem\.resume"):
         vf.simulate(scene, 0.1, checkpoint=there)
     assert there.read_text() == "mine"
+    with pytest.raises(vf.OutputError, match="cannot be written"):
+        vf.simulate(scene, 0.1, checkpoint=tmp_path / f"{300 * 'a'}.checkpoint")
     assert saved.exists()
 
 

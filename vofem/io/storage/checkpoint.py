@@ -34,11 +34,11 @@ def checkpoint_writer(path: str | os.PathLike[str], scene: Scene) -> Writers:
     Raises `OutputError` if the folder is missing or cannot be written, or the file is there already.
     """
     goal = target(path, SUFFIXES)
+    try_to_write(goal)
     if goal.exists():
         raise OutputError(
             f"{goal} exists already; go on from it with vofem.resume({str(path)!r}), or remove it to begin anew"
         )
-    try_to_write(goal)
     return writers_of(goal, scene, None)
 
 
