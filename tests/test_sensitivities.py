@@ -231,7 +231,7 @@ def test_linked_parts_of_a_beam_and_a_mass_with_modal_damping() -> None:
     beam = vf.Beam(1.0, EI=10.0, rhoA=1.0, elements=4, supports={"left": "clamped"}, tension=2.0, name="beam")
     mass = vf.Mass(0.3, stiffness=40.0, name="mass")
     stop = vf.Contact(beam.at(0.77), mass, gap=0.01, stiffness=3000.0, damping=1.0, acts_on="penetration", name="stop")
-    load = vf.PointLoad(beam.at(0.9), vf.Sine(3.0, 12.0) + vf.Ramp(1.0, 0.2, 0.5))
+    load = vf.PointLoad(beam.at(0.9), vf.Sine(3.0, 12.0) + vf.Ramp(1.0, 0.2, 0.5) + vf.Pulse(2.0, 0.3, 0.2))
     ratio, point = vf.ModalDamping(0.03), vf.PointMass(beam.at(1.0), mass=0.1)
     spring, dashpot = vf.Spring(beam.at(0.6), stiffness=50.0), vf.Dashpot(beam.at(0.4), mass, damping=0.2)
     scene = vf.Scene([beam, mass], [stop, load, ratio, point, spring, dashpot, vf.Gravity(1.0)])
@@ -239,7 +239,7 @@ def test_linked_parts_of_a_beam_and_a_mass_with_modal_damping() -> None:
         Parameter(beam, "EI"), Parameter(beam, "rhoA", element=[2, 3]), Parameter(beam, "length"),
         Parameter(beam, "tension"), Parameter(ratio, "ratio"), Parameter(point, "mass"), Parameter(spring, "x"),
         Parameter([spring, mass], "stiffness"), Parameter(dashpot, "damping"), Parameter(stop, "x"),
-        Parameter(load, "f.terms.1.slope"), Parameter(load, "f.terms.0.omega"),
+        Parameter(load, "f.terms.1.slope"), Parameter(load, "f.terms.0.omega"), Parameter(load, "f.terms.2.amplitude"),
     ]  # fmt: skip
     d = close_to_differences(scene, parameters, 1.0, beam.at(0.63), 1e-6)
     assert d.names[1] == "beam.rhoA[2, 3]"

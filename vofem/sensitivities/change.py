@@ -15,7 +15,7 @@ from vofem.bodies.path import TravellingPoint
 from vofem.errors import ArgumentError
 from vofem.parameters import changed
 from vofem.scene import Scene
-from vofem.time_functions import Constant, Ramp, Sine, TimeFunction, as_time_function
+from vofem.time_functions import Constant, Pulse, Ramp, Sine, TimeFunction, as_time_function
 from vofem.time_functions.base import Scaled
 
 #: Fields in which matrices, rows, gaps and load vectors are linear.
@@ -29,7 +29,10 @@ PLACES = ("x", "a.x", "b.x", "point.x", "other.x")
 #: Attributes of effects that are functions of time.
 FUNCTIONS = ("f", "acceleration")
 #: Numbers of functions of time by which their closed form is differentiated.
-_OF_FUNCTIONS = {Sine: ("amplitude", "omega", "phase"), Constant: ("value",), Ramp: ("slope",), Scaled: ("factor",)}
+_OF_FUNCTIONS = {
+    Sine: ("amplitude", "omega", "phase"), Constant: ("value",), Ramp: ("slope",), Pulse: ("amplitude",),
+    Scaled: ("factor",),
+}  # fmt: skip
 
 
 def check_field(scene: Scene, thing: Any, field: str, elements: tuple[int, ...] | None) -> None:
@@ -118,7 +121,7 @@ def function_at(thing: Any, field: str) -> tuple[str, Any, str, tuple[str, ...]]
         if not function.closed_form:
             raise ArgumentError(
                 f"{thing.describe()}: {first} is a Python function, by which nothing can be differentiated; write it "
-                "with Sine, Constant, Ramp and their sums"
+                "with Sine, Constant, Ramp, Pulse and their sums"
             )
         raise ArgumentError(
             f"{thing.describe()}: {field!r} is no number by which to differentiate; of {inner or function!r} there are "

@@ -8,7 +8,7 @@ import numpy as np
 
 from vofem.arrays import Array, Complex
 from vofem.parameters import changed
-from vofem.time_functions import Constant, Piece, Ramp, Shifted, Sine
+from vofem.time_functions import Piece, Shifted
 from vofem.time_functions.base import Scaled, Sum
 
 
@@ -54,18 +54,12 @@ def derivative_waves(function: Any, path: tuple[str, ...], t: float) -> Forcing:
         return derivative_waves(function.function, path, function.start + t)
     if isinstance(function, Sum):
         return derivative_waves(function.terms[int(path[1])], path[2:], t)
-    if isinstance(function, Scaled):
-        if path == ("factor",):
-            return waves_of(function.function.piece(t))
+    if isinstance(function, Scaled) and len(path) > 1:
         inner = derivative_waves(function.function, path[1:], t)
         return Forcing(inner.omega, function.factor * inner.level, function.factor * inner.growth)
-    if isinstance(function, Constant):
-        return waves_of(Piece(constant=1.0))
-    if isinstance(function, Ramp):
-        return waves_of(changed(function, slope=1.0).piece(t))
-    assert isinstance(function, Sine)
-    if path == ("amplitude",):
-        return waves_of(changed(function, amplitude=1.0).piece(t))
+    if path[0] not in ("omega", "phase"):
+        # The function is proportional to all other numbers.
+        return waves_of(changed(function, **{path[0]: 1.0}).piece(t))
     # The derivative by the phase; that by the frequency grows with time.
     turned = waves_of(changed(function, phase=function.phase + 0.5 * np.pi).piece(t))
     if path == ("phase",):
