@@ -308,6 +308,11 @@ def test_branches_pass_sticking_all_along_beside_a_stop() -> None:
     slides = [value for kind, value in found if kind == "sticking"]
     np.testing.assert_allclose(slides[::2], slides[1::2], rtol=1e-10)
     assert len(slides) == 4
+    # Orbits with the slider at the place that it has there turn, and those in the middle do not.
+    turn = there.special[-1]
+    assert turn.kind == "branch_point"
+    with pytest.raises(vf.ConvergenceError, match="'floor' sticks all along: orbits with the slider at this place"):
+        there.switch(turn)
 
 
 def test_a_beam_with_a_friction_damper_is_followed_through_all_its_states() -> None:

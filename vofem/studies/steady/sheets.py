@@ -15,7 +15,9 @@ from vofem.studies.steady.follow import FIRST, Follower
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.point import Point, corrected, level, point_at
 from vofem.studies.steady.shooting import CLOSES
+from vofem.studies.steady.signature import Signature
 from vofem.studies.steady.special import SpecialPoint
+from vofem.studies.steady.sticking import places_of
 
 #: Relative difference below which two solutions are the same orbit, and first steps that are tried on a leaving branch.
 _SAME, _TRIED = 1e-8, (1.0, 0.1, 1e-2, 1e-3)
@@ -140,6 +142,7 @@ class Sheets:
         raise ConvergenceError(
             f"switch: no orbit was found beside the {special.kind} at {special.value:.12g}"
             + (f": {last}" if last else "")
+            + _where_one_sticks(point)
         )
 
     def _origin(self, point: Point, family: Family, doubles: bool) -> Point:
@@ -165,6 +168,16 @@ class Sheets:
         if step is not None:
             along = (step.last.y - step.first.y) / start.scales
         return _other_direction(family, start, along)
+
+
+def _where_one_sticks(point: Point) -> str:
+    """Return the end of a message about an orbit in which sliders stick all along; "" where none does."""
+    chart, problem = point.chart, point.problem
+    places = places_of(problem, chart.statuses) if isinstance(chart, Signature) else None
+    if places is None:
+        return ""
+    names = " and ".join(repr(problem.system.contacts.names[j]) for j in places.sliders)
+    return f". {names} sticks all along: orbits with the slider at this place turn here, and no branch need leave"
 
 
 def _same(a: Array, b: Array) -> bool:
