@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,6 +37,9 @@ _TRY, _AGAIN = 1e-2, 0.1
 #: Steps of Newton's method in a trial, and the largest distance to its solution, in changes over an orbit.
 _STEPS, _FAR = 2, 200.0
 
+#: Places at which a motion that does not settle comes back nearly, from which orbits are searched.
+_RETURNS = 12
+
 #: Shares of the loads from which orbits are followed, and the most orbits from there to the whole loads.
 _SHARES, _WAY = tuple(0.5**k for k in range(8)), 500
 
@@ -58,7 +63,8 @@ def periodic(
     Without a guess, shooting simulates a motion from rest until its states at the beginnings of periods settle, at most
     for 200 periods of the loads. Newton's method then finds the exact orbit. The orbit is an attractor, but not
     necessarily the only one. If the motion does not settle, Newton's method starts from the response with all contacts
-    open. Where that fails too, an orbit under smaller loads is followed up to the whole loads. A note says so.
+    open. Where that fails too, an orbit under smaller loads is followed up to the whole loads, and last Newton's method
+    starts from where the motion nearly repeats. A note says so.
     Harmonic balance starts from the linear response, then from smaller loads, and last from a transient.
 
     Parameters
@@ -197,7 +203,7 @@ def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
 
     Raises `ConvergenceError` if no orbit is found in any way.
     """
-    x = problem.outside(np.zeros(problem.size))
+    x, passed = problem.outside(np.zeros(problem.size)), list[tuple[float, Array]]()
     level, change = _TRY, np.inf
     for _ in range(max(1, MOST_PERIODS // problem.periods)):
         one = problem.run(x)
@@ -210,6 +216,7 @@ def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
             if found is not None:
                 return found, ()
             level = _AGAIN * change
+        passed.append((change, x))
         x = after
     seen = (
         f"after {MOST_PERIODS} periods from rest the motion still changes by {change:.2g} of itself over an orbit"
@@ -221,6 +228,13 @@ def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
         return found, (f"{seen}, so this orbit was found from {source}; motions need not settle on it",)
     except ConvergenceError as error:
         failed = str(error)
+    # A chaotic motion comes near to orbits that are not stable, again and again.
+    for _, start in sorted(passed, key=itemgetter(0))[:_RETURNS]:
+        with suppress(ConvergenceError):
+            found = orbit_near(problem, start)
+            if problem.shortest_period(found.unknowns, found.evaluation) == problem.periods:
+                near = f"{seen}, so this orbit was found where the motion nearly repeats; motions need not settle on it"
+                return found, (near,)
     raise ConvergenceError(
         f"{what}: no orbit was found. {seen}{_MANY if change > CLOSES else ''}; {failed}. Try more "
         "periods (periods=2, 3, ...), a guess= such as a run with more damping, or follow a branch with "
