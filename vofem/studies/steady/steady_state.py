@@ -195,7 +195,7 @@ def _with_enough_vectors(problem: Shooting, found: Solved) -> tuple[Shooting, So
 
 
 #: Why a motion may not settle.
-_MANY = ": a subharmonic or chaotic motion, or little damping"
+_MANY = ": a subharmonic or chaotic motion, little damping, or a body without springs that drifts"
 
 
 def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
