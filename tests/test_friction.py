@@ -607,6 +607,16 @@ def test_friction_under_a_contact_is_refused_where_it_cannot_be_treated() -> Non
     twins = [vf.Friction(x, coefficient=0.1, normal=1.0, name=name) for name in ("one", "two")]
     with pytest.raises(vf.MethodError, match="'one' and Friction 'two' act on coordinates that depend on each other"):
         steps(vf.Scene([x], twins), 1.0, 10)
+    soft = vf.Friction(x, coefficient=0.1, normal=1.0, stiffness=5.0, name="soft")
+    stops = [
+        vf.Contact(x, gap=0.1, stiffness=5.0, side=side, acts_on=acts_on, name=side)
+        for side, acts_on in (("above", "penetration"), ("below", "displacement"))
+    ]
+    with pytest.raises(vf.MethodError, match=r"beside Contact 'below', which acts on .* use acts_on='penetration'"):
+        steps(vf.Scene([x], [soft, *stops]), 1.0, 10)
+    pot = vf.Springpot(x, coefficient=1.0, order=0.5, name="pot")
+    with pytest.raises(vf.MethodError, match=r"'one' is rigid and acts beside Springpot 'pot'.* slider a stiffness"):
+        steps(vf.Scene([x], [soft, twins[0], pot]), 1.0, 10)
 
 
 def test_what_takes_no_slider_names_it() -> None:
