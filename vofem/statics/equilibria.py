@@ -181,7 +181,7 @@ def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
     way, energy = force @ q, taken(system, q, energies)
     begin = (way[0], energy[0]) if solver.preloaded else (0.0, 0.0)
     path = slice(n - factors.size, n)
-    q, u, reactions, status, energies = (part[..., path] for part in (q, u, reactions, status, energies))
+    q, u, reactions, status, energies = q[:, path], u[:, path], reactions[:, path], status[:, path], energies[..., path]
     contacts, springs = {}, {}
     for group in solver.groups:
         first = solver.part(group).start
