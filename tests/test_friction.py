@@ -1,6 +1,7 @@
 """Dry friction in event_driven, against reference data, closed forms and an integration that is written here."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -474,6 +475,27 @@ def test_a_slider_behind_a_spring_is_pressed_by_a_contact(method: str) -> None:
     assert slider.breaks.size > 5
 
 
+@pytest.mark.parametrize("method", ["energy_conserving", "generalized_alpha"])
+@pytest.mark.parametrize("spring", [10.0, 90.0, 1000.0])
+def test_a_slider_behind_a_spring_moves_the_contact_that_presses_on_it(method: str, spring: float) -> None:
+    """Against small explicit steps, in which the play of the slider is cut to what the normal force holds."""
+    a, b = vf.Mass(1.0, stiffness=20.0, name="a"), vf.Mass(1.0, stiffness=10.0, name="b")
+    floor = vf.Contact(b, gap=0.02, stiffness=300.0, side="below", acts_on="penetration", name="floor")
+    pad = vf.Friction(a, b, coefficient=0.2, contact=floor, stiffness=spring, name="pad")
+    scene = vf.Scene([a, b], [floor, pad, vf.PointLoad(a, vf.Sine(3.0, 5.0))], initial={b: (0.0, -1.0)})
+    qa, qb, va, vb, stretch, dt = 0.0, 0.0, 0.0, -1.0, 0.0, 2e-5
+    for n in range(50_000):
+        normal = 300.0 * max(-qb - 0.02, 0.0)
+        stretch = min(max(stretch, -0.2 * normal / spring), 0.2 * normal / spring)
+        force = spring * stretch
+        va += dt * (3.0 * math.sin(5.0 * n * dt) - 20.0 * qa - force) * (0.5 if n == 0 else 1.0)
+        vb += dt * (normal + force - 10.0 * qb) * (0.5 if n == 0 else 1.0)
+        qa, qb, stretch = qa + dt * va, qb + dt * vb, stretch + dt * (va - vb)
+    result = steps(scene, 1.0, 1000, None, method)
+    np.testing.assert_allclose([result.displacement(a)[-1], result.displacement(b)[-1]], [qa, qb], rtol=0.0, atol=5e-5)
+    assert result.energy.balance_error < (1e-13 if method == "energy_conserving" else 1e-4)
+
+
 @pytest.mark.parametrize("method", ["energy_conserving", "generalized_alpha", "central_difference"])
 def test_a_normal_force_that_depends_on_time(method: str) -> None:
     """A block that slides loses speed as the impulse of the normal force grows; a force below zero presses nothing."""
@@ -585,6 +607,16 @@ def test_friction_under_a_contact_is_refused_where_it_cannot_be_treated() -> Non
     twins = [vf.Friction(x, coefficient=0.1, normal=1.0, name=name) for name in ("one", "two")]
     with pytest.raises(vf.MethodError, match="'one' and Friction 'two' act on coordinates that depend on each other"):
         steps(vf.Scene([x], twins), 1.0, 10)
+    soft = vf.Friction(x, coefficient=0.1, normal=1.0, stiffness=5.0, name="soft")
+    stops = [
+        vf.Contact(x, gap=0.1, stiffness=5.0, side=side, acts_on=acts_on, name=side)
+        for side, acts_on in (("above", "penetration"), ("below", "displacement"))
+    ]
+    with pytest.raises(vf.MethodError, match=r"beside Contact 'below', which acts on .* use acts_on='penetration'"):
+        steps(vf.Scene([x], [soft, *stops]), 1.0, 10)
+    pot = vf.Springpot(x, coefficient=1.0, order=0.5, name="pot")
+    with pytest.raises(vf.MethodError, match=r"'one' is rigid and acts beside Springpot 'pot'.* slider a stiffness"):
+        steps(vf.Scene([x], [soft, twins[0], pot]), 1.0, 10)
 
 
 def test_what_takes_no_slider_names_it() -> None:

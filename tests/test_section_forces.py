@@ -92,6 +92,17 @@ def test_a_beam_in_motion():
     assert max(errors[-1][1:]) < 1e-5
 
 
+def test_a_run_that_begins_later_balances_the_loads_of_its_time():
+    beam = vf.Beam(L, EI, RHO, 4, {"left": "clamped"}, name="beam")
+    slow = vf.Scene([beam], [vf.DistributedLoad(beam, Q, vf.Sine(1.0, 3.0)), vf.BaseMotion(beam, vf.Sine(2.0, 1.0))])
+    whole = vf.simulate(slow, 1.0, times=[0.0, 0.7, 1.0])
+    first = vf.simulate(slow, 0.7, times=[0.0, 0.7])
+    second = vf.simulate(slow, 0.3, initial=first, t_start=0.7, times=[0.0, 0.3])
+    for name in ("bending_moment", "shear_force"):
+        expected, found = (getattr(run, name)(X, recovered=True) for run in (whole, second))
+        assert_allclose(found, expected[:, 1:], rtol=0.0, atol=1e-11)
+
+
 def test_a_loaded_run_knows_recovered_moments(tmp_path):
     beam = vf.Beam(L, EI, lambda x: 1.0 + x, 4, {"left": "clamped"}, name="beam")
     effects = [vf.DistributedLoad(beam, lambda x: x**2, vf.Sine(1.0, 3.0)), vf.Gravity(2.0)]

@@ -7,6 +7,7 @@ import random
 
 import numpy as np
 from campaigns import campaign
+from numpy.testing import assert_allclose
 
 import vofem as vf
 from vofem.statics.equilibria import work_notes
@@ -68,6 +69,38 @@ def test_bounds_of_the_work_are_sharp():
     assert work_notes(factors, factors, np.array([0.5, 2.5 + 1e-9])) == []
     assert len(work_notes(factors, factors, np.array([0.5, 2.6]))) == 1
     assert "0.4 J" in work_notes(factors, factors, np.array([0.5, 0.9]))[0]
+
+
+def test_a_path_with_preloaded_stops_begins_where_they_have_pushed():
+    """Stops with negative gaps push before any load; this is no energy that is missing."""
+    mass = vf.Mass(1.0, stiffness=2.0)
+    pushed = vf.Contact(mass, gap=-0.05, stiffness=30.0, side="above", acts_on="penetration")
+    for factors in ([0.0, 1.0], [1.0, -1.0], [-1.0, 1.0]):
+        path = vf.quasi_static(vf.Scene([mass], [pushed, vf.PointLoad(mass, 1.0)]), factors)
+        assert path.notes == []
+        exact = [(f - 1.5) / 32.0 if f > -0.1 else f / 2.0 for f in factors]
+        assert_allclose(path.displacement(mass), exact, rtol=1e-12)
+    free = vf.Mass(1.0)
+    pushed = vf.Contact(free, gap=-0.05, stiffness=30.0, side="above", acts_on="penetration")
+    path = vf.quasi_static(vf.Scene([free], [pushed, vf.PointLoad(free, 1.0)]), [1.0, 2.0])
+    assert path.notes == []
+    assert_allclose(path.displacement(free), [1.0 / 30.0 - 0.05, 2.0 / 30.0 - 0.05], rtol=1e-12)
+
+
+def test_a_preloaded_stop_is_crushed_before_the_load_lets_go_of_it():
+    """At first 2 u + F = 0 on the backbone F = 2 s/(1.9/3 + s), s = u + 0.5; then it is elastic with 3 N/m."""
+    mass = vf.Mass(1.0, stiffness=2.0)
+    stop = vf.CrushingStop(
+        mass, gap=-0.5, side="above", stiffness=3.0, linear_limit=0.1 / 3.0, softening=vf.LinearSoftening(1.9)
+    )
+    a, b = 1.9 / 3.0, 2.0
+    # 2 (s - 1/2) (a + s) + b s = 0
+    approach = max(np.roots([2.0, 2.0 * a - 1.0 + b, -a]))
+    force = b * approach / (a + approach)
+    dent = approach - force / 3.0
+    path = vf.quasi_static(vf.Scene([mass], [stop, vf.PointLoad(mass, 1.0)]), [-0.1, -2.0])
+    assert_allclose(path.displacement(mass), [(-0.1 - 3.0 * (0.5 - dent)) / 5.0, -1.0], rtol=1e-12)
+    assert path.notes == []
 
 
 def test_the_law_as_printed_gives_back_what_it_had_dissipated():

@@ -71,10 +71,9 @@ class Result(Shown, Run):
         start: State | None = None,
         compiled: bool = True,
     ) -> None:
-        super().__init__(scene, solution, model)
+        super().__init__(scene, solution, model, t_start)
         self.method = method
         self.recorded = recorded
-        self.t_start = t_start
         self.start = start
         self.compiled = compiled
 

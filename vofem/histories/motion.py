@@ -30,13 +30,16 @@ class Motion:
         The solution of the equations of motion.
     model : Model
         The assembled scene, with loads that count time from the beginning of the run.
+    t_start : float
+        Time of the loads of the scene in s at which the run began.
     times : ndarray, shape (n_times,)
         Times in s at which results are stored.
     """
 
-    def __init__(self, scene: Scene, solution: Solution, model: Model | None = None) -> None:
+    def __init__(self, scene: Scene, solution: Solution, model: Model | None = None, t_start: float = 0.0) -> None:
         self.scene = scene
         self.solution = solution
+        self.t_start = t_start
         self.model: Model = scene.model if model is None else model
         self.times: Array = solution.times
 
@@ -185,4 +188,4 @@ class Motion:
         times = self.times if t is None else np.atleast_1d(np.asarray(t, dtype=float))
         every = np.arange(beam.size)
         q, a = (self._some(beam, every, t, kind) for kind in ("q", "a"))
-        return balanced_sections(self.scene.effects, beam, x, times, q, a)
+        return balanced_sections(self.scene.effects, beam, x, self.t_start + times, q, a)

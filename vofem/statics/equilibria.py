@@ -89,11 +89,11 @@ _AT_LIMIT = 1.0 - 1e-12
 def quasi_static(scene: Scene, load_factors: ArrayLike) -> QuasiStatic:
     """Return the equilibria of a scene along a path of loads, hysteretic springs and contacts together.
 
-    The path begins without load, and with springs that were never loaded. From one factor to the next all elongations
-    are taken to change monotonically. So give every turning point of the load, and factors between them where springs
-    and contacts interact. The load changes infinitely slowly: dampers and springpots carry no force and are left out.
-    The work of the loads is compared with the energy that bodies, springs and contacts store and dissipate; `notes` of
-    the outcome says where they differ.
+    The path begins in the equilibrium without load, with springs that were never loaded before. From one factor to the
+    next all elongations are taken to change monotonically. So give every turning point of the load, and factors between
+    them where springs and contacts interact. The load changes infinitely slowly: dampers and springpots carry no force
+    and are left out. The work of the loads is compared with the energy that bodies, springs and contacts store and
+    dissipate; `notes` of the outcome says where they differ.
 
     Parameters
     ----------
@@ -159,11 +159,14 @@ def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
     system = model.system
     solver = EquilibriumSolver(system, force)
     check_held(model, solver.rows.toarray())
-    n, m = factors.size, solver.u.size
+    # Without load preloaded stops push what is held out of the undeformed state; what is loose has no place there.
+    pushed = solver.preloaded and not system.rigid.shape[1]
+    steps = np.concatenate([[0.0], factors]) if pushed else factors
+    n, m = steps.size, solver.u.size
     q, u, reactions = np.empty((system.size, n)), np.empty((m, n)), np.empty((m, n))
     status = np.empty((m, n), dtype=np.int64)
     energies = np.zeros((2, m, n))
-    for k, factor in enumerate(factors.tolist()):
+    for k, factor in enumerate(steps.tolist()):
         status[:, k], reactions[:, k], found = solver.solve(factor)
         _check_limit(model, solver, reactions[:, k], factor, force, found)
         if not found:
@@ -175,6 +178,10 @@ def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
         u[:, k], q[:, k] = solver.u, solver.displacement(factor, reactions[:, k])
         reactions[:, k] = solver.borne(reactions[:, k])
         energies[:, :, k] = solver.accept()
+    way, energy = force @ q, taken(system, q, energies)
+    begin = (way[0], energy[0]) if solver.preloaded else (0.0, 0.0)
+    path = slice(n - factors.size, n)
+    q, u, reactions, status, energies = q[:, path], u[:, path], reactions[:, path], status[:, path], energies[..., path]
     contacts, springs = {}, {}
     for group in solver.groups:
         first = solver.part(group).start
@@ -185,7 +192,7 @@ def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
                 )
             elif group.recorded:
                 springs[name] = SpringPath(u[j], reactions[j], energies[0, j], energies[1, j])
-    notes = work_notes(factors, force @ q, taken(system, q, energies))
+    notes = work_notes(factors, way[path], energy[path], begin)
     return QuasiStatic(model, factors, q, contacts, springs, solver.iterations, solver.laws.state, notes)
 
 
@@ -222,8 +229,8 @@ def taken(system: System, q: Array, energies: Array) -> Array:
     return np.asarray(whole)
 
 
-def work_notes(factors: Array, way: Array, energy: Array) -> list[str]:
-    """Return a note if the work is not balanced along a path from the unloaded state.
+def work_notes(factors: Array, way: Array, energy: Array, begin: tuple[float, float] = (0.0, 0.0)) -> list[str]:
+    """Return a note if the work is not balanced along a path from the equilibrium without load.
 
     The force of every law rises along rising elongations and falls along falling ones. The same holds for the load over
     the displacement on which it does work. The work of a step therefore lies between the products of this displacement
@@ -231,9 +238,11 @@ def work_notes(factors: Array, way: Array, energy: Array) -> list[str]:
 
     `factors` has shape (n_factors,).
     `way` (shape (n_factors,)): product of the load vector at factor 1 with the displacements, J.
-    `energy` (shape (n_factors,)): energy stored and dissipated since the path began, J.
+    `energy` (shape (n_factors,)): energy stored and dissipated, J.
+    `begin`: both without load, J.
     """
-    load, far, held = (np.concatenate([[0.0], part]) for part in (factors, way, energy))
+    starts = zip((0.0, *begin), (factors, way, energy), strict=True)
+    load, far, held = (np.concatenate([[start], part]) for start, part in starts)
     ends = np.diff(far) * np.stack([load[:-1], load[1:]])
     gained = np.diff(held)
     off = np.maximum(ends.min(axis=0) - gained, gained - ends.max(axis=0))

@@ -175,8 +175,8 @@ def _ask_laws(place: int, p: Any, z: Any, question: float, part: float) -> float
                 commit_law(laws, j, y)
             continue
         if question == ALONG:
-            # A law that knows its normal force has no part in the convex function.
-            if kind == ACTS and not whole[SPRUNG, j] and w[MOVE, j] != 0.0:
+            # The normal force that a law knows is the one found so far, under which its force does not fall either.
+            if kind == ACTS and w[MOVE, j] != 0.0:
                 y += part * w[MOVE, j]
                 force = force_over(laws, j, way, u0, w[BASE, j] if explicit else y, y, w[BEFORE, j])
                 answer += w[MOVE, j] * (force - w[FOUND, j] - part * w[STEP, j])
@@ -269,7 +269,7 @@ def _react(place: int, p: Any, z: Any, question: float, unused: float) -> float:
                 change, noise = w[Y, j] - w[TARGET, j], 4.0 * _EPS * (w[SIZE, j] + abs(w[TARGET, j]))
             still = still and abs(w[MOVE, j]) <= 4.0 * _EPS * w[SIZE, j]
             rounded = rounded and abs(change) <= noise
-            if whole[KIND, j] == ACTS and not whole[SPRUNG, j]:
+            if whole[KIND, j] == ACTS:
                 start += w[MOVE, j] * change
         settled = still or (explicit and alone) or (placed and off <= demand * size)
         settled = settled or (rounded and step >= _PATIENCE)

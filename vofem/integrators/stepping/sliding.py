@@ -432,14 +432,18 @@ class Sliders:
 def refusal(group: FrictionLaws, system: System) -> str | None:
     """Return why steps cannot treat the sliders of a system, or None."""
     rigid = np.array([np.isinf(law.stiffness) for law in group.laws])
-    for other in system.laws:
-        reason = ""
-        if other is system.contacts and bool(np.any(system.contacts.jump)):
-            reason = "acts on the displacement"
-        elif rigid.any() and other is not group and not other.past_is_kept:
-            reason = "has a memory of all earlier steps"
-        if reason:
-            return f"{group.labels[0]} acts beside {other.labels[0]}, which {reason}; steps do not treat them together"
+    contacts = system.contacts
+    if contacts is not None and np.any(contacts.jump):
+        return (
+            f"{group.labels[0]} acts beside {contacts.labels[int(np.argmax(contacts.jump))]}, which acts on the "
+            "displacement; steps do not treat them together: use acts_on='penetration'"
+        )
+    past = next((other for other in system.laws if other is not group and not other.past_is_kept), None)
+    if rigid.any() and past is not None:
+        return (
+            f"{group.labels[int(np.argmax(rigid))]} is rigid and acts beside {past.labels[0]}, which has a memory of "
+            "all earlier steps; steps do not treat them together: give the slider a stiffness"
+        )
     rows = group.rows.toarray()[rigid]
     if rows.shape[0] and np.linalg.matrix_rank(rows / np.linalg.norm(rows, axis=1)[:, None]) < rows.shape[0]:
         return (
