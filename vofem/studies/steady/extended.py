@@ -121,6 +121,8 @@ class Extended:
         #: Number of coordinates beyond those of the orbit.
         self.more = 2 if kind in ("neimark_sacker", "branch_point") else 1
         self._borders: _Borders | None = None
+        #: Whether multipliers need no switches, at all values; None before it was asked.
+        self._without_switches: bool | None = None
         self._divisors: Array | None = None
 
     def __getattr__(self, name: str) -> Any:
@@ -250,9 +252,19 @@ class Extended:
     def _reduced(self, problem: Any) -> bool:
         """Return whether the switches do not change the motion to first order, so that multipliers need none of them.
 
-        Then the equations of the switches, which are singular at grazings, are left out of the condition.
+        Then the equations of the switches, which are singular at grazings, are left out of the condition. Where the
+        parameter of a locus is a damper of a contact, or a gap behind which a force jumps, they may change it at all
+        values but the first.
         """
-        return bool(getattr(self.inner, "switches", ())) and self.kind != "branch_point" and self.inner.smooth(problem)
+        if self._without_switches is None:
+            *others, last = problem.parameters
+            self._without_switches = (
+                bool(getattr(self.inner, "switches", ()))
+                and self.kind != "branch_point"
+                and self.inner.smooth(problem)
+                and self.inner.smooth(self.family.at(*others, self.family.interval.beside(last)))
+            )
+        return self._without_switches
 
     def _tested_matrix(self, now: Any) -> Array:
         """Return the Jacobian matrix of which multipliers are told; sliders that stick all along keep their places."""
