@@ -311,3 +311,26 @@ def test_a_fold_is_followed_from_a_stop_without_damper_to_a_damped_one():
         there, back = vf.locus(build, one, 0.0, 0.5), vf.locus(build, other, 0.5, 0.0)
         np.testing.assert_allclose(there.values[-1], (other.value, 0.5), rtol=1e-9)
         np.testing.assert_allclose(back.values[-1], (one.value, 0.0), rtol=1e-9)
+
+
+@pytest.mark.parametrize("stop", [2.58, 2.69, 2.72])
+def test_a_grazing_is_followed_along_a_beam(stop):
+    """The place of the stop is the second parameter; a motion without touches reaches the gap there."""
+
+    def build(omega, place):
+        beam = cantilever(name="beam")
+        contact = vf.Contact(
+            beam.at(place), gap=0.004, stiffness=60.0, side="below", acts_on="penetration", name="stop"
+        )
+        load = vf.PointLoad(beam.at("right"), vf.Sine(0.01, omega))
+        return vf.Scene([beam], [contact, vf.ModalDamping(0.03), load])
+
+    grazing = vf.continuation(lambda omega: build(omega, 0.7), 2.5, stop).special[0]
+    assert grazing.kind == "grazing"
+    locus = vf.locus(build, grazing, 0.7, 0.9)
+    assert locus.special == []
+    assert locus.values[-1, 1] == 0.9
+    for omega, place in locus.values:
+        scene = build(omega, place)
+        response = vf.frequency_response(scene, [omega / (2.0 * np.pi)], loads="scene")
+        assert abs(response.displacement(scene.bodies[0].at(place))[0]) == pytest.approx(0.004, rel=1e-11)

@@ -64,6 +64,9 @@ _AT_REST = 0.1
 #: Height of an extreme on the wrong side, over the size of the motion, that is rounding.
 ROUNDING = 1e-13
 
+#: Difference of phases over the orbit that is rounding.
+_ALIKE = 1e-6
+
 #: Height of an extreme or a touch, over the size of the motion, up to which an orbit grazes a contact.
 _GRAZED = 1e-12
 
@@ -527,6 +530,10 @@ class Signature:
     def phases(self, y: Array) -> Array:
         """Return the phases of the switches in rad, shape (n_switches,)."""
         return np.asarray(self.anchor + np.cumsum(y[y.size - len(self.switches) :]))
+
+    def alike(self, one: float, other: float) -> bool:
+        """Return whether two phases in rad are one place in the orbit, within rounding."""
+        return abs((one - other + 0.5 * self.turn) % self.turn - 0.5 * self.turn) <= _ALIKE * self.turn
 
     # -- equations ------------------------------------------------------------------------------------
 

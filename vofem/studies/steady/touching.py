@@ -62,8 +62,8 @@ _NEARLY = 5e-3
 #: Shares of a step by which ends of touches may differ that are searched as one.
 _SAME = 0.02
 
-#: Height over the size of the motion up to which touches begin together, and difference of phases over the orbit.
-_TOGETHER, _ALIKE = 1e-13, 1e-6
+#: Height over the size of the motion up to which touches begin together.
+_TOGETHER = 1e-13
 
 #: Rate of the parameter, in scaled coordinates, that may be rounding beside a grazing.
 _ROUNDED = 1e-8
@@ -473,7 +473,7 @@ def _touching(now: Point, after: Point, flow: Flow | None = None) -> list[_Chang
     chart: Signature = now.chart
     there, found = after.evaluation.extremes, []
     first = None if flow is None else chart.first_touch(after.evaluation, flow)
-    if first is not None and not any(e.height > ROUNDING and _alike(chart, e.phase, first.phase) for e in there):
+    if first is not None and not any(e.height > ROUNDING and chart.alike(e.phase, first.phase) for e in there):
         there = sorted([*there, first])
     for near, e in _paired(now.evaluation.extremes, there):
         if e is None or e.height <= ROUNDING:
@@ -739,7 +739,7 @@ def _begun(
     problem = known.problem
     groups: list[tuple[float, list[Mark]]] = []
     for mark in sorted(marks, key=lambda mark: mark.phase):
-        if groups and _alike(chart, groups[-1][0], mark.phase):
+        if groups and chart.alike(groups[-1][0], mark.phase):
             groups[-1][1].append(mark)
         else:
             groups.append((mark.phase, [mark]))
@@ -773,7 +773,7 @@ def _slip(known: Any, chart: Signature, phases: Array, mark: Mark) -> list[tuple
         k = _turn(chart, phases, contact, phase)
         return [(k, float(phases[k]), Switch(contact, PINNED))]
     for k, switch in enumerate(chart.switches):
-        if switch == (contact, PINNED) and _alike(chart, float(phases[k]), phase):
+        if switch == (contact, PINNED) and chart.alike(float(phases[k]), phase):
             return [(k, float(phases[k]), Switch(contact, UP + DOWN - int(chart.statuses[k][contact])))]
     number = int(np.searchsorted(phases, phase))
     now = int(chart.statuses[number][contact])
@@ -947,10 +947,6 @@ def _not_turned(short: Point, outside: Point) -> Point:
     return replace(short, tangent=np.append(short.tangent[:-1], -rate))
 
 
-def _alike(chart: Signature, one: float, other: float) -> bool:
-    return abs((one - other + 0.5 * chart.turn) % chart.turn - 0.5 * chart.turn) <= _ALIKE * chart.turn
-
-
 def _slope(family: Family, point: Point, values: Callable[[Any, Any, Array], Any]) -> Array:
     """Return the derivatives of values of problem, evaluation and coordinates along a branch, in scaled coordinates."""
     y = point.y + _DIFFERENCE * point.tangent * point.scales
@@ -1004,7 +1000,7 @@ def _law(problem: Any, contact: int) -> str:
 
 
 def _among(chart: Signature, marks: Sequence[Mark], contact: int, phase: float) -> bool:
-    return any(mark.contact == contact and _alike(chart, mark.phase, phase) for mark in marks)
+    return any(mark.contact == contact and chart.alike(mark.phase, phase) for mark in marks)
 
 
 def _between(now: Point, after: Point, y: Array) -> None:
