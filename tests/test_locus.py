@@ -292,3 +292,45 @@ def test_two_period_doublings_of_a_damped_stop_meet():
         (turn,) = vf.locus(build, doubling, 0.1, 0.09).special
         assert (turn.kind, turn.value) == ("turn", pytest.approx(0.748299, abs=2e-6))
         assert turn.other == pytest.approx(0.0961421, abs=1e-7)
+
+
+def test_a_fold_is_followed_from_a_stop_without_damper_to_a_damped_one():
+    """The damper is the second parameter; a branch of the damped stop has its fold at the end of the locus."""
+
+    def build(omega, damping):
+        mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="mass")
+        stop = vf.Contact(
+            mass, gap=0.5, stiffness=20.0, damping=damping, side="above", acts_on="penetration", name="stop"
+        )
+        return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, omega))])
+
+    ends = [vf.continuation(lambda omega, c=c: build(omega, c), 0.69, 0.75).special for c in (0.0, 0.5)]
+    before, after = ([point for point in found if point.kind == "fold"] for found in ends)
+    assert len(before) == len(after) == 2
+    for one, other in zip(before, after, strict=True):
+        there, back = vf.locus(build, one, 0.0, 0.5), vf.locus(build, other, 0.5, 0.0)
+        np.testing.assert_allclose(there.values[-1], (other.value, 0.5), rtol=1e-9)
+        np.testing.assert_allclose(back.values[-1], (one.value, 0.0), rtol=1e-9)
+
+
+@pytest.mark.parametrize("stop", [2.58, 2.69, 2.72])
+def test_a_grazing_is_followed_along_a_beam(stop):
+    """The place of the stop is the second parameter; a motion without touches reaches the gap there."""
+
+    def build(omega, place):
+        beam = cantilever(name="beam")
+        contact = vf.Contact(
+            beam.at(place), gap=0.004, stiffness=60.0, side="below", acts_on="penetration", name="stop"
+        )
+        load = vf.PointLoad(beam.at("right"), vf.Sine(0.01, omega))
+        return vf.Scene([beam], [contact, vf.ModalDamping(0.03), load])
+
+    grazing = vf.continuation(lambda omega: build(omega, 0.7), 2.5, stop).special[0]
+    assert grazing.kind == "grazing"
+    locus = vf.locus(build, grazing, 0.7, 0.9)
+    assert locus.special == []
+    assert locus.values[-1, 1] == 0.9
+    for omega, place in locus.values:
+        scene = build(omega, place)
+        response = vf.frequency_response(scene, [omega / (2.0 * np.pi)], loads="scene")
+        assert abs(response.displacement(scene.bodies[0].at(place))[0]) == pytest.approx(0.004, rel=1e-11)

@@ -27,7 +27,6 @@ from vofem.studies.steady.watched import (
     TOGETHER,
     Begun,
     Mark,
-    alike,
     is_among,
     law_of,
     mark_of,
@@ -179,7 +178,7 @@ def _begun(
     problem = known.problem
     groups: list[tuple[float, list[Mark]]] = []
     for mark in sorted(marks, key=lambda mark: mark.phase):
-        if groups and alike(chart, groups[-1][0], mark.phase):
+        if groups and chart.alike(groups[-1][0], mark.phase):
             groups[-1][1].append(mark)
         else:
             groups.append((mark.phase, [mark]))
@@ -213,7 +212,7 @@ def _slip(known: Any, chart: Signature, phases: Array, mark: Mark) -> list[tuple
         k = turn_near(chart, phases, contact, phase)
         return [(k, float(phases[k]), Switch(contact, PINNED))]
     for k, switch in enumerate(chart.switches):
-        if switch == (contact, PINNED) and alike(chart, float(phases[k]), phase):
+        if switch == (contact, PINNED) and chart.alike(float(phases[k]), phase):
             return [(k, float(phases[k]), Switch(contact, UP + DOWN - int(chart.statuses[k][contact])))]
     number = int(np.searchsorted(phases, phase))
     now = int(chart.statuses[number][contact])

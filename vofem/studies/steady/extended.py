@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from vofem.arrays import Array, Complex
 from vofem.errors import ConvergenceError
+from vofem.studies.steady.extremes import Extreme
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.newton import ROUNDING, direction, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
@@ -73,6 +74,7 @@ class ExtendedEvaluation:
     bend: float = np.nan
     critical: tuple[complex, ...] = ()  #: The multipliers that make the orbit special.
     turned: float = 1.0  #: Inverse cosine of the largest angle between a null vector and its border.
+    held: int = -1  #: Number of the switch that ends the touch of length zero of a grazing.
 
     def __getattr__(self, name: str) -> Any:
         """Return what is known of the orbit: sizes, motion, extremes, and whether it repeats."""
@@ -84,6 +86,16 @@ class ExtendedEvaluation:
     def solved(self) -> float:
         """Error of an evaluation that may be rounding; that of the condition is not known."""
         return max(ROUNDING, float(self.orbit.rounding))
+
+    @cached_property
+    def extremes(self) -> list[Extreme]:
+        """Extremes of gap functions except the one that is held at its gap, which rounding may lift above it."""
+        found: list[Extreme] = self.orbit.extremes
+        if self.held < 0:
+            return found
+        chart, phase = self.orbit.chart, float(self.orbit.chart.phases(self.orbit.y)[self.held])
+        contact = chart.switches[self.held].contact
+        return [e for e in found if e.contact != contact or not chart.alike(e.phase, phase)]
 
     @cached_property
     def multipliers(self) -> Complex | None:
@@ -121,6 +133,8 @@ class Extended:
         #: Number of coordinates beyond those of the orbit.
         self.more = 2 if kind in ("neimark_sacker", "branch_point") else 1
         self._borders: _Borders | None = None
+        #: Whether multipliers need no switches, at all values; None before it was asked.
+        self._without_switches: bool | None = None
         self._divisors: Array | None = None
 
     def __getattr__(self, name: str) -> Any:
@@ -234,13 +248,13 @@ class Extended:
         residual = np.append(now.residual, y[place])
         error = max(float(now.error), abs(float(y[place])))
         if not derivative:
-            return ExtendedEvaluation(now, residual, np.empty((0, 0)), error)
+            return ExtendedEvaluation(now, residual, np.empty((0, 0)), error, held=self.held)
         step = _BY_VALUE * self.size
         ends = [self._at(problem, y[:m], sign * step, derivative=False) for sign in (1.0, -1.0)]
         jacobian = np.zeros((m + 1, m + 1))
         jacobian[:m, :m], jacobian[:m, m] = now.jacobian, (ends[0].residual - ends[1].residual) / (2.0 * step)
         jacobian[m, place] = 1.0
-        return ExtendedEvaluation(now, residual, jacobian, error)
+        return ExtendedEvaluation(now, residual, jacobian, error, held=self.held)
 
     def _at(self, problem: Any, inner: Array, away: float, *, derivative: bool = True) -> Any:
         """Return the equations of the orbit at another `value`."""
@@ -250,9 +264,19 @@ class Extended:
     def _reduced(self, problem: Any) -> bool:
         """Return whether the switches do not change the motion to first order, so that multipliers need none of them.
 
-        Then the equations of the switches, which are singular at grazings, are left out of the condition.
+        Then the equations of the switches, which are singular at grazings, are left out of the condition. Where the
+        parameter of a locus is a damper of a contact, or a gap behind which a force jumps, they may change it at all
+        values but the first.
         """
-        return bool(getattr(self.inner, "switches", ())) and self.kind != "branch_point" and self.inner.smooth(problem)
+        if self._without_switches is None:
+            *others, last = problem.parameters
+            self._without_switches = (
+                bool(getattr(self.inner, "switches", ()))
+                and self.kind != "branch_point"
+                and self.inner.smooth(problem)
+                and self.inner.smooth(self.family.at(*others, self.family.interval.beside(last)))
+            )
+        return self._without_switches
 
     def _tested_matrix(self, now: Any) -> Array:
         """Return the Jacobian matrix of which multipliers are told; sliders that stick all along keep their places."""

@@ -23,6 +23,9 @@ _ROUNDED = 1e-13
 #: Share of a wide interval that counts as much as a value that is less.
 _WIDE = 1e-2
 
+#: Step of the parameter by which derivatives are taken: share of the interval, least and largest share of the value.
+_DIFFERENCE, _LEAST, _MOST = 1e-8, 1e-9, 1e-6
+
 #: Problems that are kept, by the value of the parameter.
 _KEPT = 8
 
@@ -99,6 +102,12 @@ class Interval:
         """Return the end that a value lies beyond, or None."""
         low, high = min(self.start, self.stop), max(self.start, self.stop)
         return low if value < low else high if value > high else None
+
+    def beside(self, value: float) -> float:
+        """Return a value near another one, inside the interval unless that one itself lies outside."""
+        large, own = _DIFFERENCE * self.size, abs(value)
+        step = max(min(max(_MOST * own, _WIDE * large), large), _LEAST * own)
+        return value - step if value > 0.5 * (self.start + self.stop) else value + step
 
     def left(self, value: float) -> bool:
         """Return whether a value lies beyond an end by more than rounding."""

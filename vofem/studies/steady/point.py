@@ -18,9 +18,6 @@ TOLERANCE = 1e-12
 #: Evaluations at a point.
 _STEPS = 8
 
-#: Step of the parameter by which derivatives are taken: share of the interval, least and largest share of the value.
-_DIFFERENCE, _LEAST, _MOST = 1e-8, 1e-9, 1e-6
-
 #: Factor by which the residual falls in a step at least where the derivative with respect to the parameter is good.
 _SLOW = 0.02
 
@@ -111,15 +108,11 @@ class Point:
 def derivative_by_value(family: Family, chart: Any, y: Array, evaluation: Any) -> Array:
     """Return the derivative of the residual with respect to the parameter, by a difference, shape (n,).
 
-    It gives directions of branches. Where a branch turns does not depend on its digits. The scene is built for a value
-    inside the interval, unless the value itself lies outside.
+    It gives directions of branches. Where a branch turns does not depend on its digits.
     """
-    value = float(y[-1])
-    step = max(_DIFFERENCE * family.interval.scale(_MOST / _DIFFERENCE * value), _LEAST * abs(value))
-    beside = y.copy()
-    beside[-1] += -step if value > 0.5 * (family.interval.start + family.interval.stop) else step
+    beside = np.append(y[:-1], family.interval.beside(float(y[-1])))
     moved = chart.evaluate(family.of(beside), y[:-1], derivative=False, near=evaluation)
-    return np.asarray((moved.residual - evaluation.residual) / (beside[-1] - value))
+    return np.asarray((moved.residual - evaluation.residual) / (beside[-1] - y[-1]))
 
 
 class _OnPlane:

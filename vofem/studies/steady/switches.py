@@ -14,6 +14,9 @@ from vofem.arrays import Array
 from vofem.studies.steady.settling import bounces
 from vofem.system import OPEN, PINNED
 
+#: Difference of phases over the orbit that is rounding.
+_ALIKE = 1e-6
+
 #: Share of a segment in which something rests by which another one is longer, and has the anchor.
 _AT_REST = 0.1
 
@@ -85,6 +88,10 @@ class Switches:
     def phases(self, y: Array) -> Array:
         """Return the phases of the switches in rad, shape (n_switches,)."""
         return np.asarray(self.anchor + np.cumsum(y[y.size - len(self.switches) :]))
+
+    def alike(self, one: float, other: float) -> bool:
+        """Return whether two phases in rad are one place in the orbit, within rounding."""
+        return abs((one - other + 0.5 * self.turn) % self.turn - 0.5 * self.turn) <= _ALIKE * self.turn
 
     @cached_property
     def successive(self) -> list[tuple[int, int]]:

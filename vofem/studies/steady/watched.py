@@ -27,8 +27,8 @@ STUCK, _NEARLY_STUCK = 1e-3, 0.999e-3
 #: Shares of a step by which ends of touches may differ that are searched as one.
 SAME = 0.02
 
-#: Height over the size of the motion up to which touches begin together, and difference of phases over the orbit.
-TOGETHER, _ALIKE = 1e-13, 1e-6
+#: Height over the size of the motion up to which touches begin together.
+TOGETHER = 1e-13
 
 #: Length in rad below which a touch may be about to end.
 NEARLY = 5e-3
@@ -108,14 +108,9 @@ def slips_between(chart: Signature, p: int, k: int) -> bool:
     return status == PINNED or not turns_between(chart, p, k)
 
 
-def alike(chart: Signature, one: float, other: float) -> bool:
-    """Return whether two phases in rad are the same but for whole orbits and rounding."""
-    return abs((one - other + 0.5 * chart.turn) % chart.turn - 0.5 * chart.turn) <= _ALIKE * chart.turn
-
-
 def is_among(chart: Signature, marks: Sequence[Mark], contact: int, phase: float) -> bool:
     """Return whether a contact has a mark at a phase in rad."""
-    return any(mark.contact == contact and alike(chart, mark.phase, phase) for mark in marks)
+    return any(mark.contact == contact and chart.alike(mark.phase, phase) for mark in marks)
 
 
 def nearest_extreme(evaluation: Any, mark: Mark) -> Extreme:
@@ -197,7 +192,7 @@ def newly_touching(now: Point, after: Point, flow: Flow | None = None) -> list[C
     chart: Signature = now.chart
     there, found = after.evaluation.extremes, []
     first = None if flow is None else chart.first_touch(after.evaluation, flow)
-    if first is not None and not any(e.height > ROUNDING and alike(chart, e.phase, first.phase) for e in there):
+    if first is not None and not any(e.height > ROUNDING and chart.alike(e.phase, first.phase) for e in there):
         there = sorted([*there, first])
     for near, e in paired(now.evaluation.extremes, there):
         if e is None or e.height <= ROUNDING:
