@@ -67,6 +67,19 @@ def test_a_stiff_contact_opens_within_few_samples_of_a_switch():
     assert up.special[0].value == pytest.approx(down.special[0].value, rel=1e-10)
 
 
+def test_a_touch_begins_at_the_phase_at_which_the_state_is_an_unknown():
+    """The extreme of the gap is there before, so that the touch of the orbit just beyond begins behind that phase."""
+    case = drawn(2029)
+    known = {
+        "m0": (-0.008894158, -0.01695332), "m1": (-0.05330963, -0.027429), "m2": (-0.08931829, -0.02146807),
+        "m3": (-0.1087522, -0.02048951),
+    }  # fmt: skip
+    guess = SimpleNamespace(state_of=lambda name: tuple(np.array([part]) for part in known[name]))
+    branch = vf.continuation(case.build, 0.391594, 0.3938, guess=guess)
+    assert branch.values[-1] == 0.3938
+    assert [(one.kind, one.contact) for one in branch.special] == [("grazing", "one"), ("grazing", "two")]
+
+
 @pytest.mark.parametrize("stop", [0.25222, 0.252215])
 def test_special_points_beside_a_grazing_are_listed_or_told(stop):
     """A pair and a real multiplier pass the circle within 2e-13 rad/s from a grazing of two stops at once."""

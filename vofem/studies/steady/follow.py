@@ -326,11 +326,11 @@ class Follower:
         if smooth and isinstance(last.chart, Signature):
             self.notes += hidden_beside(passed.at, last, passed.after)
         self._take(None, passed.after)
-        return passed.after, min(FIRST, self.largest)
+        return self._recentred(passed.after, least=0.0), min(FIRST, self.largest)
 
-    def _recentred(self, now: Point) -> Point:
-        """Return a point with its anchor away from all switches."""
-        if not now.chart.segmented:
+    def _recentred(self, now: Point, least: float = np.inf) -> Point:
+        """Return a point with its anchor away from all switches, where one comes nearer to it than a least length."""
+        if not now.chart.segmented or now.chart.lengths(now.y[:-1])[[0, -1]].min() >= least:
             return now
         found = now.chart.recentred(now.evaluation, now.y[:-1], now.tangent * now.scales)
         if found is None:

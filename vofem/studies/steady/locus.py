@@ -231,9 +231,9 @@ class _Walk(Follower):
         else:
             super()._take(step, point)
 
-    def _recentred(self, now: Point) -> Point:
+    def _recentred(self, now: Point, least: float = np.inf) -> Point:
         """Return a point with its anchor away from all switches, and with borders that are near its null vectors."""
-        now = super()._recentred(now)
+        now = super()._recentred(now, least)
         if now.evaluation.turned < _TURNED:
             return now
         return point_at(self.family, now.chart.with_new_borders(), now.y, now.tangent, near=now.evaluation)
