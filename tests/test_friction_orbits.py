@@ -315,6 +315,30 @@ def test_branches_pass_sticking_all_along_beside_a_stop() -> None:
         there.switch(turn)
 
 
+@pytest.mark.parametrize(
+    ("limits", "loaded", "ends", "count"),
+    [((0.15, 0.25), 0.75, (3.0, 3.06), 4), ((0.19, 0.104), 0.5, (2.95, 3.1), 2)],
+)
+def test_two_friction_dampers_of_a_beam(limits, loaded, ends, count) -> None:
+    """One breaks away just as the other one stops; one stops where it turns, at both of its turns at once."""
+
+    def build(omega: float) -> vf.Scene:
+        beam = vf.Beam(1.0, EI=1.0, rhoA=1.0, elements=4, supports={"left": "clamped"}, name="beam")
+        dampers = [
+            vf.Friction(beam.at(x), coefficient=1.0, normal=limit, name=f"damper at {x}")
+            for x, limit in zip((1.0, 0.5), limits, strict=True)
+        ]
+        load = vf.PointLoad(beam.at(loaded), vf.Sine(1.0, omega))
+        return vf.Scene([beam], [*dampers, vf.RayleighDamping(0.1, 0.003), load])
+
+    there, back = (vf.continuation(build, *way) for way in (ends, ends[::-1]))
+    assert (there.values[-1], back.values[-1]) == ends[::-1]
+    assert {mark.kind for mark in there.special} == {"sticking"}
+    assert len(there.special) == count
+    values = [[mark.value for mark in branch.special] for branch in (there, back)]
+    np.testing.assert_allclose(values[0], values[1][::-1], rtol=1e-9)
+
+
 def test_a_beam_with_a_friction_damper_is_followed_through_all_its_states() -> None:
     """The tip sticks, slides and sticks again; both directions list the same points."""
     beam = vf.Beam(1.0, EI=1.0, rhoA=1.0, elements=1, supports={"left": "clamped"}, name="beam")

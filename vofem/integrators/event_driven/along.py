@@ -51,6 +51,9 @@ _GROWTH = 20.0
 #: Times at which motions are computed together.
 _TOGETHER = 4096
 
+#: Rounding of a product of vectors, as a share of the product of their norms.
+_EPS = 4.0 * float(np.finfo(float).eps)
+
 #: Sets of statuses whose maps a system keeps.
 _MOST_SETS = 4
 
@@ -254,12 +257,17 @@ class Course:
             self._stuck[key] = _stuck(self.regime(status), self.space.contacts, status, self.sliders.first)
         return self._stuck.get(key)
 
-    def reaction(self, status: Status, time: float, state: Array, contact: int) -> float:
-        """Return the reaction of a slider or contact that rests in a modal state (2n,) at a time in s."""
-        held = int(np.sum(status[:contact] == PINNED))
-        motion, kept = self.motion(status, np.array([time]), state[None]), self.stuck(status)
-        found = float(motion.reactions(np.zeros(1))[held, 0])
-        return found if kept is None else found + float(kept.reaction[held] @ state[: self.space.size])
+    def reaction(self, status: Status, time: float, state: Array, contact: int) -> tuple[float, float]:
+        """Return the reaction of a slider or contact that rests in a modal state (2n,) at a time, and its rounding, N.
+
+        Reactions of a stiff structure change much within the rounding of its state.
+        """
+        held, motion = int(np.sum(status[:contact] == PINNED)), self.motion(status, np.array([time]), state[None])
+        kept, parts = self.stuck(status), [(motion.regime.reactions[held], flat(motion.starts)[0])]
+        if kept is not None:
+            parts.append((kept.reaction[held], state[: self.space.size]))
+        rounding = _EPS * sum(float(np.linalg.norm(row) * np.linalg.norm(values)) for row, values in parts)
+        return sum(float(row @ values) for row, values in parts), rounding
 
     @property
     def kick(self) -> Array:

@@ -20,7 +20,7 @@ from vofem.laws.friction import DOWN, UP
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.gaps import ROUNDING, stops_of
 from vofem.studies.steady.point import Point, corrected, derivative_by_value, point_at, scales_of
-from vofem.studies.steady.signature import Signature, States
+from vofem.studies.steady.signature import AT_ONCE, Signature, States
 from vofem.studies.steady.switches import Switch
 from vofem.studies.steady.watched import (
     STUCK,
@@ -34,6 +34,7 @@ from vofem.studies.steady.watched import (
     newly_touching,
     run_of,
     slips_between,
+    stuck_of,
     turn_near,
 )
 from vofem.system import CLOSED, OPEN, PINNED
@@ -99,7 +100,7 @@ def orbit_outside(
         if abs(e.height) <= rounding and not is_among(chart, [mark, *own], e.contact, e.phase)
     ]
     margins = chart.margins(point.problem, point.evaluation)
-    turns = [mark_of(chart, y, k) for k, margin in margins.items() if abs(margin) <= rounding]
+    turns = [mark_of(chart, y, k) for k, (margin, least) in margins.items() if abs(margin) <= max(rounding, least)]
     return point, [mark, *found, *(turn for turn in turns if not is_among(chart, [mark], turn.contact, turn.phase))]
 
 
@@ -215,13 +216,17 @@ def _slip(known: Any, chart: Signature, phases: Array, mark: Mark) -> list[tuple
         if switch == (contact, PINNED) and chart.alike(float(phases[k]), phase):
             return [(k, float(phases[k]), Switch(contact, UP + DOWN - int(chart.statuses[k][contact])))]
     number = int(np.searchsorted(phases, phase))
+    nearest = int(np.argmin(np.abs(phases - phase))) if phases.size else 0
+    # Where another slider switches, it does so while this one sticks or slides.
+    over = phases.size > 0 and abs(float(phases[nearest]) - phase) <= AT_ONCE
+    number = nearest if over else number
     now = int(chart.statuses[number][contact])
     there = PINNED
     if now == PINNED:
         problem, time = known.problem, phase / known.problem.loads.omega
         state = known.path.state(number, time - float(known.path.times[number]))
-        there = UP if problem.course.reaction(chart.statuses[number], time, state, contact) > 0.0 else DOWN
-    return [(number, phase, Switch(contact, there)), (number, phase, Switch(contact, now))]
+        there = UP if problem.course.reaction(chart.statuses[number], time, state, contact)[0] > 0.0 else DOWN
+    return [(number, phase, Switch(contact, there)), (number + over, phase, Switch(contact, now))]
 
 
 def lasting_of(problem: Any, chart: Signature, first: int, last: int) -> Begun:
@@ -252,10 +257,14 @@ def touch(
     return there + [(last, ends, Switch(j, int(now[j]))) for j in contacts]
 
 
-def orbit_beyond(family: Family, chart: Signature, y: Array, begun: Sequence[Begun], near: Any) -> Point | None:
+def orbit_beyond(
+    family: Family, chart: Signature, y: Array, begun: Sequence[Begun], near: Any, most: float = np.inf
+) -> Point | None:
     """Return the orbit just beyond one at which something begins without length or speed, as `_begun` tells.
 
-    None if none beside has all of it. `near`: an evaluation near the coordinates, or `States`.
+    None if none beside has all of it.
+    `near`: an evaluation near the coordinates, or `States`.
+    `most`: for how long in rad a slider sticks or slides at most.
     """
     problem = family.of(y)
     n = problem.size
@@ -267,7 +276,8 @@ def orbit_beyond(family: Family, chart: Signature, y: Array, begun: Sequence[Beg
         inner: Point | None = None
         several = len(lasting) > 1 or lasting[0].last - lasting[0].first > len(lasting[0].ends)
         slow = any(one.ends[-1] > one.ends[0] + 1 or slips_between(chart, one.first, one.last) for one in lasting)
-        for length in (STUCK,) if slow else sorted({_SEVERAL if several else _BEYOND, *_LONGER}):
+        stuck = min(most, *(stuck_of(chart.lengths(y[:-1]), one.first, one.last) for one in lasting))
+        for length in (stuck,) if slow else sorted({_SEVERAL if several else _BEYOND, *_LONGER}):
             guess = y.copy()
             for first, last, ends in lasting:
                 guess[[n + k for k in ends]] = length
@@ -349,7 +359,7 @@ def away_along(family: Family, point: Point, marks: Sequence[Mark]) -> Array:
         for k, mark in enumerate(marks):
             contact, phase, turns = mark
             if turns:
-                found.append(chart.margins(problem, evaluation)[turn_near(chart, phases, contact, phase)])
+                found.append(chart.margins(problem, evaluation)[turn_near(chart, phases, contact, phase)][0])
                 continue
             if law_of(problem, contact) == "stick":
                 found.append(-nearest_extreme(evaluation, mark).height)

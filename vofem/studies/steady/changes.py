@@ -35,6 +35,7 @@ from vofem.studies.steady.watched import (
     Mark,
     Pair,
     is_end,
+    is_over,
     law_of,
     newly_touching,
     paired,
@@ -348,7 +349,7 @@ def _located(family: Family, now: Point, after: Point, change: Change) -> tuple[
         phases[[p, k]] = mark.phase if stop is None else phases[[stop.first, stop.last]]
     left = outer.y[n + len(out.switches) :]
     zero = np.concatenate([outer.y[:n], np.diff(np.append(old.anchor, phases)), left])
-    slips = any(slips_between(old, *pair) for pair in pairs)
+    slips = [pair for pair in pairs if slips_between(old, *pair)]
     if not slips:
         _between(now, after, zero)
     groups: list[Pair] = []
@@ -357,7 +358,11 @@ def _located(family: Family, now: Point, after: Point, change: Change) -> tuple[
             groups[-1] = groups[-1][0], max(groups[-1][1], k)
         else:
             groups.append((p, k))
-    inner = orbit_beyond(family, old, zero, [lasting_of(now.problem, old, p, k) for p, k in groups], near.evaluation)
+    # What slides or sticks for a short time does so in the step; how short depends on its neighbours.
+    spans, ends = spans_of(now.problem, old), [old.lengths(one.y[:-1]) for one in (now, after)]
+    lasts = [[max(float(one[p + 1 : spans[p, k] + 1].sum()), 0.0) for one in ends] for p, k in slips]
+    begun, most = [lasting_of(now.problem, old, p, k) for p, k in groups], min(map(sum, lasts), default=np.inf)
+    inner = orbit_beyond(family, old, zero, begun, near.evaluation, 0.5 * most)
     if inner is None:
         raise ConvergenceError("what ends at a grazing does not do so in one direction of the branch")
     if slips:
@@ -420,7 +425,7 @@ def _gone(problem: Any, chart: Signature, p: int, k: int) -> list[int]:
     """Return the switches that the orbit outside does not have, of what ends between two of them."""
     if law_of(problem, chart.switches[k].contact) != "stick":
         return [p, k]
-    if k != p + 1:
+    if k != p + 1 and not is_over(problem, chart, p, k):
         raise ConvergenceError("a slider ceases to stick while contacts switch")
     return [p] if turns_between(chart, p, k) else [p, k]
 

@@ -103,13 +103,28 @@ class Gaps:
                 places = (np.flatnonzero((heights[1:-1] > heights[:-2]) & (heights[1:-1] >= heights[2:])) + 1).tolist()
                 if came == (slider, PINNED):
                     places.insert(0, 0)
+                if heights[-1] > max(heights[-2], _LOW) and self._corner(segment, slider, heights[-1], times[-2:]):
+                    places.append(times.size - 1)
                 for place in places:
                     time, height = times[place], heights[place]
-                    if place and height > _LOW:
+                    if 0 < place < times.size - 1 and height > _LOW:
                         time, height = peak(slip, times[place - 1], times[place + 1])
                     phase = float(path.times[segment] + time) * self.problem.loads.omega
                     found.append(Extreme(slider, segment, phase, float(height)))
         return found
+
+    def _corner(self, segment: int, slider: int, height: float, last: Array) -> bool:
+        """Return whether the force of a slider that sticks turns at the end of a segment, where another one switches.
+
+        `height`: its height there.
+        `last`: the last two samples of the times in the segment.
+        """
+        chart, after = self.chart, segment + 1
+        if after > len(chart.switches) or {chart.statuses[k][slider] for k in (segment, after)} != {PINNED}:
+            return False
+        step = min(float(last[1] - last[0]), float(self.path.durations[after]))
+        then = self._slip(after, slider)(np.array([0.0, step])) if step > 0.0 else np.array([np.inf])
+        return bool(then[0] <= height + ROUNDING and then[-1] < height)
 
     def _back(self, slider: int, status: int) -> float:
         """Return the factor by which the speed of a slider that slides becomes a height, s/m."""

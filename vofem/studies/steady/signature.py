@@ -35,7 +35,7 @@ from vofem.integrators.event_driven.flow import Flow
 from vofem.laws.friction import DOWN, UP
 from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.extremes import Extreme, turning_points
-from vofem.studies.steady.gaps import LEAST, Gaps
+from vofem.studies.steady.gaps import LEAST, ROUNDING, Gaps
 from vofem.studies.steady.newton import direction
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
 from vofem.studies.steady.settling import SETTLES, bounces_of, settled
@@ -467,7 +467,7 @@ class Signature(Switches):
             return False
         assert laws is not None
         before, after = (
-            problem.course.reaction(self.statuses[k], float(path.times[index]), state, contact)
+            problem.course.reaction(self.statuses[k], float(path.times[index]), state, contact)[0]
             for k, state in ((cause, path.ends[cause]), (index, path.starts[index]))
         )
         full = float(laws.stiffness[contact] * laws.gap[contact])
@@ -592,10 +592,10 @@ class Signature(Switches):
             return max(found, key=lambda e: e.height, default=None)
         return None
 
-    def margins(self, problem: Shooting, evaluation: SignatureEvaluation) -> dict[int, float]:
+    def margins(self, problem: Shooting, evaluation: SignatureEvaluation) -> dict[int, tuple[float, float]]:
         """Return by how much reactions of sliders would exceed their limits where they turn without sticking.
 
-        They are shares of the limits, by the numbers of the switches.
+        They and what of them is rounding are shares of the limits, by the numbers of the switches.
         """
         sliders, found, path = problem.course.sliders, {}, evaluation.path
         if sliders is None:
@@ -605,8 +605,8 @@ class Signature(Switches):
                 stuck = self.statuses[k].copy()
                 stuck[contact] = PINNED
                 time, limit = float(path.times[k] + path.durations[k]), sliders.static[contact - sliders.first]
-                pull = problem.course.reaction(stuck, time, path.ends[k], contact)
-                found[k] = (pull if status == UP else -pull) / limit - 1.0
+                pull, rounding = problem.course.reaction(stuck, time, path.ends[k], contact)
+                found[k] = (pull if status == UP else -pull) / limit - 1.0, max(rounding / limit, ROUNDING)
         return found
 
     # -- other signatures -----------------------------------------------------------------------------

@@ -22,7 +22,10 @@ from vofem.system import PINNED
 #: Length of one during which a slider sticks: it lasts before as the square root of the height, after as the cube root.
 #: A slider that stops and slides on, or slides while it sticks, does so at least for nearly as long, since equations
 #: are singular where that vanishes.
-STUCK, _NEARLY_STUCK = 1e-3, 0.999e-3
+STUCK, _NEARLY_STUCK = 1e-3, 0.999
+
+#: Largest share of the segments before and behind it for which it lasts then.
+_ROOM = 0.3
 
 #: Shares of a step by which ends of touches may differ that are searched as one.
 SAME = 0.02
@@ -108,6 +111,17 @@ def slips_between(chart: Signature, p: int, k: int) -> bool:
     return status == PINNED or not turns_between(chart, p, k)
 
 
+def is_over(problem: Any, chart: Signature, p: int, k: int) -> bool:
+    """Return whether something that sticks slides between two switches, and one other slider switches meanwhile."""
+    over = k == p + 2 and law_of(problem, chart.switches[p + 1].contact) == "stick"
+    return over and chart.statuses[p][chart.switches[p].contact] == PINNED
+
+
+def stuck_of(lengths: Array, first: int, last: int) -> float:
+    """Return the length in rad, between two switches, of a stick or slide that has just begun."""
+    return min(STUCK, _ROOM * float(lengths[[first, last + 1]].min()))
+
+
 def is_among(chart: Signature, marks: Sequence[Mark], contact: int, phase: float) -> bool:
     """Return whether a contact has a mark at a phase in rad."""
     return any(mark.contact == contact and chart.alike(mark.phase, phase) for mark in marks)
@@ -132,10 +146,12 @@ def spans_of(problem: Any, chart: Signature) -> dict[Pair, int]:
     """Return pairs of switches that stay in their order, of touches and sticks, and neighbours of two contacts.
 
     Each comes with the switch up to which its time counts. A touch during which a slider holds the point that touches
-    ends with its begin: the time up to the stop of the slider vanishes. Both cannot switch in another order.
+    ends with its begin: the time up to the stop of the slider vanishes. So does the time of a slider up to the switch
+    of another one that happens meanwhile. Both cannot switch in another order.
     """
     s, stops = chart.switches, stops_of(problem, chart)
     found = {pair: pair[1] for pair in (*chart.touches, *chart.spells)}
+    found |= {pair: pair[0] + 1 for pair in chart.spells if is_over(problem, chart, *pair)}
     for p, k in chart.touches:
         found[p, k] = next((stop.first for stop in stops if p < stop.first < k and s[p].contact in stop.held), k)
     held = {(at, j) for stop in stops for at in (stop.first, stop.last) for j in stop.held}
@@ -151,14 +167,15 @@ def watched_at(point: Point) -> dict[Pair, tuple[float, float]]:
     lengths, s = chart.lengths(point.y[:-1]), chart.switches
     found = {
         (p, k): (
-            float(lengths[p + 1 : last + 1].sum()) - _NEARLY_STUCK * slips_between(chart, p, k),
+            float(lengths[p + 1 : last + 1].sum())
+            - (_NEARLY_STUCK * stuck_of(lengths, p, k) if slips_between(chart, p, k) else 0.0),
             AT_ONCE if s[p].contact != s[k].contact else 0.0,
         )
         for (p, k), last in spans_of(point.problem, chart).items()
     }
     rounding = ROUNDING * point.evaluation.sizes[1]
     found |= {(k, k): (x, rounding) for k, x in chart.approaches(point.problem, point.evaluation).items()}
-    return found | {(k, k): (x, ROUNDING) for k, x in chart.margins(point.problem, point.evaluation).items()}
+    return found | {(k, k): margin for k, margin in chart.margins(point.problem, point.evaluation).items()}
 
 
 def vanished(now: Point, after: Point, without: Collection[Pair] = ()) -> list[Change]:
