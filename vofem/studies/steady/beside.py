@@ -215,11 +215,10 @@ def _slip(known: Any, chart: Signature, phases: Array, mark: Mark) -> list[tuple
     for k, switch in enumerate(chart.switches):
         if switch == (contact, PINNED) and chart.alike(float(phases[k]), phase):
             return [(k, float(phases[k]), Switch(contact, UP + DOWN - int(chart.statuses[k][contact])))]
-    number = int(np.searchsorted(phases, phase))
-    nearest = int(np.argmin(np.abs(phases - phase))) if phases.size else 0
-    # Where another slider switches, it does so while this one sticks or slides.
-    over = phases.size > 0 and abs(float(phases[nearest]) - phase) <= AT_ONCE
-    number = nearest if over else number
+    # A slider that switches there does so while this one sticks or slides.
+    there_too = np.flatnonzero(np.abs(phases - phase) <= AT_ONCE)
+    over = int(there_too.size > 0)
+    number = int(there_too[0] if over else np.searchsorted(phases, phase))
     now = int(chart.statuses[number][contact])
     there = PINNED
     if now == PINNED:

@@ -19,13 +19,13 @@ from vofem.studies.steady.point import Point
 from vofem.studies.steady.signature import AT_ONCE, Signature
 from vofem.system import PINNED
 
-#: Length of one during which a slider sticks: it lasts before as the square root of the height, after as the cube root.
-#: A slider that stops and slides on, or slides while it sticks, does so at least for nearly as long, since equations
-#: are singular where that vanishes.
-STUCK, _NEARLY_STUCK = 1e-3, 0.999
+#: Largest length in rad for which a slider sticks that has just begun to: it lasts before as the square root of the
+#: height, after as the cube root. It is shorter if the segments before and behind are, and then a share of them.
+STUCK, _ROOM = 1e-3, 0.3
 
-#: Largest share of the segments before and behind it for which it lasts then.
-_ROOM = 0.3
+#: A slider that stops and slides on, or slides while it sticks, does so for this share of it at least, since equations
+#: are singular where that vanishes.
+_NEARLY_STUCK = 0.999
 
 #: Shares of a step by which ends of touches may differ that are searched as one.
 SAME = 0.02
