@@ -283,7 +283,7 @@ def _run(arguments: argparse.Namespace) -> int:
         arguments.save = folder / "run.vtkhdf" if arguments.save == Path() else arguments.save
         if not arguments.overwrite:
             refuse_existing(arguments.save, "add --overwrite, or choose another name")
-        check_target(arguments.save, arguments.overwrite)
+        check_target(arguments.save, overwrite=True)
     with blas_threads(file.scene.model.system.size):
         return _simulated(arguments, file, folder)
 

@@ -160,8 +160,8 @@ def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
     solver = EquilibriumSolver(system, force)
     check_held(model, solver.rows.toarray())
     # Without load preloaded stops push what is held out of the undeformed state; what is loose has no place there.
-    pushed = solver.preloaded and not system.rigid.shape[1]
-    steps = np.concatenate([[0.0], factors]) if pushed else factors
+    preloaded = solver.pushes()
+    steps = np.concatenate([[0.0], factors]) if preloaded and not system.rigid.shape[1] else factors
     n, m = steps.size, solver.u.size
     q, u, reactions = np.empty((system.size, n)), np.empty((m, n)), np.empty((m, n))
     status = np.empty((m, n), dtype=np.int64)
@@ -179,7 +179,7 @@ def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
         reactions[:, k] = solver.borne(reactions[:, k])
         energies[:, :, k] = solver.accept()
     way, energy = force @ q, taken(system, q, energies)
-    begin = (way[0], energy[0]) if solver.preloaded else (0.0, 0.0)
+    begin = (way[0], energy[0]) if preloaded else (0.0, 0.0)
     path = slice(n - factors.size, n)
     q, u, reactions, status, energies = q[:, path], u[:, path], reactions[:, path], status[:, path], energies[..., path]
     contacts, springs = {}, {}

@@ -120,7 +120,6 @@ class EquilibriumSolver:
 
     `rows` (shape (m, n)): the rows B of all laws that take part in statics.
     `u` (shape (m,)): coordinates in the last equilibrium.
-    `preloaded`: whether laws push before anything moves, as stops with negative gaps do.
     `laws`: with the internal variables that the last accepted equilibrium has left.
     `iterations`: number of Newton steps in total.
     """
@@ -142,8 +141,11 @@ class EquilibriumSolver:
         self._coordinates = Coordinates(system, rows, force, solver_of(system))
         self._amplitude = np.zeros(system.rigid.shape[1])
         self.u = np.zeros(self.stiffness.size)
-        self.preloaded = bool(np.any(self._law(self.u, _RAMPS[0])[0]))
         self.iterations = 0
+
+    def pushes(self) -> bool:
+        """Return whether laws push where the last equilibrium is; before the first one, as stops with negative gaps."""
+        return bool(np.any(self._law(self.u, _RAMPS[0])[0]))
 
     def part(self, group: Any) -> slice:
         """Return the positions of the laws of a group among all laws."""

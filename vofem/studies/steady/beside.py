@@ -215,7 +215,7 @@ def _slip(known: Any, chart: Signature, phases: Array, mark: Mark) -> list[tuple
     for k, switch in enumerate(chart.switches):
         if switch == (contact, PINNED) and chart.alike(float(phases[k]), phase):
             return [(k, float(phases[k]), Switch(contact, UP + DOWN - int(chart.statuses[k][contact])))]
-    # A slider that switches there does so while this one sticks or slides.
+    # What switches there does so while the slider sticks or slides.
     there_too = np.flatnonzero(np.abs(phases - phase) <= AT_ONCE)
     over = int(there_too.size > 0)
     number = int(there_too[0] if over else np.searchsorted(phases, phase))
@@ -275,8 +275,11 @@ def orbit_beyond(
         inner: Point | None = None
         several = len(lasting) > 1 or lasting[0].last - lasting[0].first > len(lasting[0].ends)
         slow = any(one.ends[-1] > one.ends[0] + 1 or slips_between(chart, one.first, one.last) for one in lasting)
-        stuck = min(most, *(stuck_of(chart.lengths(y[:-1]), one.first, one.last) for one in lasting))
-        for length in (stuck,) if slow else sorted({_SEVERAL if several else _BEYOND, *_LONGER}):
+        tried = sorted({_SEVERAL if several else _BEYOND, *_LONGER})
+        if slow:
+            known = chart.lengths(y[:-1])
+            tried = [min(most, *(stuck_of(known, one.first, one.last) for one in lasting))]
+        for length in tried:
             guess = y.copy()
             for first, last, ends in lasting:
                 guess[[n + k for k in ends]] = length

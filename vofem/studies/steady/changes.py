@@ -36,6 +36,7 @@ from vofem.studies.steady.watched import (
     Pair,
     is_end,
     is_over,
+    lasting_at,
     law_of,
     newly_touching,
     paired,
@@ -359,10 +360,10 @@ def _located(family: Family, now: Point, after: Point, change: Change) -> tuple[
         else:
             groups.append((p, k))
     # What slides or sticks for a short time does so in the step; how short depends on its neighbours.
-    spans, ends = spans_of(now.problem, old), [old.lengths(one.y[:-1]) for one in (now, after)]
-    lasts = [[max(float(one[p + 1 : spans[p, k] + 1].sum()), 0.0) for one in ends] for p, k in slips]
-    begun, most = [lasting_of(now.problem, old, p, k) for p, k in groups], min(map(sum, lasts), default=np.inf)
-    inner = orbit_beyond(family, old, zero, begun, near.evaluation, 0.5 * most)
+    ends = [lasting_at(one) for one in (now, after)] if slips else []
+    most = min((0.5 * sum(max(one[pair], 0.0) for one in ends) for pair in slips), default=np.inf)
+    begun = [lasting_of(now.problem, old, p, k) for p, k in groups]
+    inner = orbit_beyond(family, old, zero, begun, near.evaluation, most)
     if inner is None:
         raise ConvergenceError("what ends at a grazing does not do so in one direction of the branch")
     if slips:

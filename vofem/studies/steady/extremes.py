@@ -14,6 +14,9 @@ from vofem.integrators.event_driven.regime import Integers
 #: changes the extreme by the square.
 _CUTS, _FINE = 60, 1e-9
 
+#: Least number of equal steps in a segment among which extremes are searched. A stiff contact rebounds quickly.
+LEAST = 128
+
 #: Parts of the bracket of a slider's extreme, and how often one is searched anew.
 _ZOOM, _ZOOMS = 16, 5
 

@@ -23,8 +23,9 @@ _ROUNDED = 1e-13
 #: Share of a wide interval that counts as much as a value that is less.
 _WIDE = 1e-2
 
-#: Step of the parameter by which derivatives are taken: share of the interval, least and largest share of the value.
-_DIFFERENCE, _LEAST, _MOST = 1e-8, 1e-9, 1e-6
+#: Step of the parameter by which derivatives are taken: share of the size of changes that matter at so many times the
+#: value, and least share of the value.
+_DIFFERENCE, _TIMES, _LEAST = 1e-8, 100.0, 1e-9
 
 #: Problems that are kept, by the value of the parameter.
 _KEPT = 8
@@ -105,8 +106,7 @@ class Interval:
 
     def beside(self, value: float) -> float:
         """Return a value near another one, inside the interval unless that one itself lies outside."""
-        large, own = _DIFFERENCE * self.size, abs(value)
-        step = max(min(max(_MOST * own, _WIDE * large), large), _LEAST * own)
+        step = max(_DIFFERENCE * self.scale(_TIMES * value), _LEAST * abs(value))
         return value - step if value > 0.5 * (self.start + self.stop) else value + step
 
     def left(self, value: float) -> bool:

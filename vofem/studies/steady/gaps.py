@@ -13,7 +13,7 @@ from vofem.arrays import Array
 from vofem.integrators.event_driven.along import Path
 from vofem.integrators.event_driven.regime import Integers, flat
 from vofem.laws.friction import UP
-from vofem.studies.steady.extremes import Extreme, least_rate, peak, turning_points
+from vofem.studies.steady.extremes import LEAST, Extreme, least_rate, peak, turning_points
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.sticking import pull_of
 from vofem.studies.steady.switches import Switches
@@ -22,9 +22,8 @@ from vofem.system import CLOSED, PINNED
 #: Height of an extreme on the wrong side, over the size of the motion, that is rounding.
 ROUNDING = 1e-13
 
-#: Steps of an orbit among which extremes of gap functions are searched, and those of forces of sliders; and the least
-#: number in a segment. A stiff contact rebounds quickly.
-_SEARCHED, _PULLS, LEAST = 20000, 2000, 128
+#: Steps of an orbit among which extremes of gap functions are searched, and those of forces of sliders.
+_SEARCHED, _PULLS = 20000, 2000
 
 #: Height of an extreme, over the size of the motion, below which it is not computed exactly.
 _LOW = -0.05

@@ -19,7 +19,7 @@ from vofem.studies.steady.newton import Solved, converged, direction, lowered
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.shooting import Shooting, relative
 from vofem.studies.steady.signature import Signature, SignatureEvaluation, States, signature_of
-from vofem.studies.steady.sticking import places_of
+from vofem.studies.steady.sticking import names_of, places_of
 from vofem.system import PINNED
 
 #: Steps of the state, halvings of one of them, and steps in the lengths of segments.
@@ -113,13 +113,11 @@ def in_the_middle(problem: Shooting, found: Solved) -> Solved:
             part *= 0.5
         problem.centred = True
     else:
-        laws = problem.system.contacts
-        assert laws is not None
         assert places is not None
-        names = " and ".join(repr(laws.names[j]) for j in places.sliders)
         raise ConvergenceError(
-            f"{problem.what}: {names} sticks all along where the branch begins, and no orbit was found in which it "
-            "rests in the middle of where it may. Begin where it slides, or give a guess= nearer to the middle"
+            f"{problem.what}: {names_of(problem, places)} sticks all along where the branch begins, and no orbit was "
+            "found in which it rests in the middle of where it may. Begin where it slides, or give a guess= nearer to "
+            "the middle"
         )
     return found
 

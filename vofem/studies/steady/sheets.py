@@ -17,7 +17,7 @@ from vofem.studies.steady.point import Point, corrected, level, point_at
 from vofem.studies.steady.shooting import CLOSES
 from vofem.studies.steady.signature import Signature
 from vofem.studies.steady.special import SpecialPoint
-from vofem.studies.steady.sticking import places_of
+from vofem.studies.steady.sticking import names_of, places_of
 
 #: Relative difference below which two solutions are the same orbit, and first steps that are tried on a leaving branch.
 _SAME, _TRIED = 1e-8, (1.0, 0.1, 1e-2, 1e-3)
@@ -129,8 +129,8 @@ class Sheets:
         start = self._origin(point, family, doubles)
         direction = self._direction(family, start, special, doubles)
         last: ConvergenceError | None = None
+        known = self.walker
         for factor in _TRIED:
-            known = self.walker
             walker = Follower(family, largest=known.largest, most=known.most, seconds=known.seconds)
             try:
                 walker.follow(replace(start, tangent=direction), FIRST * factor, leaving=True)
@@ -176,7 +176,7 @@ def _where_one_sticks(point: Point) -> str:
     places = places_of(problem, chart.statuses) if isinstance(chart, Signature) else None
     if places is None:
         return ""
-    names = " and ".join(repr(problem.system.contacts.names[j]) for j in places.sliders)
+    names = names_of(problem, places)
     return f". {names} sticks all along: orbits with the slider at this place turn here, and no branch need leave"
 
 

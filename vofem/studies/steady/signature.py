@@ -34,8 +34,8 @@ from vofem.integrators.event_driven.along import Path
 from vofem.integrators.event_driven.flow import Flow
 from vofem.laws.friction import DOWN, UP
 from vofem.linalg.eigen import eigenvalues
-from vofem.studies.steady.extremes import Extreme, turning_points
-from vofem.studies.steady.gaps import LEAST, ROUNDING, Gaps
+from vofem.studies.steady.extremes import LEAST, Extreme, turning_points
+from vofem.studies.steady.gaps import ROUNDING, Gaps
 from vofem.studies.steady.newton import direction
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
 from vofem.studies.steady.settling import SETTLES, bounces_of, settled

@@ -233,8 +233,8 @@ def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
         with suppress(ConvergenceError):
             found = orbit_near(problem, start)
             if problem.shortest_period(found.unknowns, found.evaluation) == problem.periods:
-                near = f"{seen}, so this orbit was found where the motion nearly repeats; motions need not settle on it"
-                return found, (near,)
+                where = "where the motion nearly repeats; motions need not settle on it"
+                return found, (f"{seen}, so this orbit was found {where}",)
     raise ConvergenceError(
         f"{what}: no orbit was found. {seen}{_MANY if change > CLOSES else ''}; {failed}. Try more "
         "periods (periods=2, 3, ...), a guess= such as a run with more damping, or follow a branch with "

@@ -10,12 +10,9 @@ import numpy as np
 from vofem.arrays import Array
 from vofem.integrators.event_driven.along import Path, Status
 from vofem.laws.friction import DOWN, UP
-from vofem.studies.steady.extremes import peak
+from vofem.studies.steady.extremes import LEAST, peak
 from vofem.studies.steady.shooting import FREE, Shooting
 from vofem.system import CLOSED, PINNED
-
-#: Equal steps of a segment among which the largest force of a slider is searched.
-_STEPS = 128
 
 #: Difference of forces between samples, as a share of the largest one, by which it may lie in another segment.
 _BESIDE = 1e-2
@@ -49,6 +46,13 @@ def places_of(problem: Shooting, statuses: Sequence[Status]) -> Places | None:
         np.flatnonzero(every).tolist(), np.concatenate([rows, 0.0 * rows], axis=1),
         np.concatenate([moves, 0.0 * moves]), back, np.eye(len(rows)) - back @ stiffness,
     )  # fmt: skip
+
+
+def names_of(problem: Shooting, places: Places) -> str:
+    """Return the names of sliders that stick all along, for messages."""
+    laws = problem.system.contacts
+    assert laws is not None
+    return " and ".join(repr(laws.names[j]) for j in places.sliders)
 
 
 def centring(problem: Shooting, path: Path, places: Places, columns: Array, lengthen: Array) -> tuple[Array, Array]:
@@ -89,7 +93,7 @@ def _strongest(problem: Shooting, path: Path, slider: int) -> list[tuple[int, fl
     sampled = []
     for segment in np.flatnonzero(path.durations > 0.0).tolist():
         pull = pull_of(problem, path, segment, slider)
-        times = np.linspace(0.0, path.durations[segment], _STEPS + 1)
+        times = np.linspace(0.0, path.durations[segment], LEAST + 1)
         sampled.append((segment, times, pull, pull(times)))
     found = list[tuple[int, float, int]]()
     for way, sign in ((UP, 1.0), (DOWN, -1.0)):
@@ -98,7 +102,7 @@ def _strongest(problem: Shooting, path: Path, slider: int) -> list[tuple[int, fl
         for segment, times, pull, forces in sampled:
             k = int(np.argmax(sign * forces))
             if sign * forces[k] >= most - _BESIDE * abs(most):
-                time, force = peak(pull, times[max(k - 1, 0)], times[min(k + 1, _STEPS)], sign)
+                time, force = peak(pull, times[max(k - 1, 0)], times[min(k + 1, LEAST)], sign)
                 peaks.append((force, segment, time))
         found.append((*max(peaks)[1:], way))
     return found

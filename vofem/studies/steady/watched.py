@@ -161,17 +161,24 @@ def spans_of(problem: Any, chart: Signature) -> dict[Pair, int]:
     return found
 
 
+def lasting_at(point: Point) -> dict[Pair, float]:
+    """Return for how long in rad pairs of switches last; see `spans_of`."""
+    lengths = point.chart.lengths(point.y[:-1])
+    return {
+        (p, k): float(lengths[p + 1 : last + 1].sum()) for (p, k), last in spans_of(point.problem, point.chart).items()
+    }
+
+
 def watched_at(point: Point) -> dict[Pair, tuple[float, float]]:
     """Return numbers that are positive while a signature holds, and what of each is rounding, by their switches."""
     chart: Signature = point.chart
     lengths, s = chart.lengths(point.y[:-1]), chart.switches
     found = {
         (p, k): (
-            float(lengths[p + 1 : last + 1].sum())
-            - (_NEARLY_STUCK * stuck_of(lengths, p, k) if slips_between(chart, p, k) else 0.0),
+            lasts - (_NEARLY_STUCK * stuck_of(lengths, p, k) if slips_between(chart, p, k) else 0.0),
             AT_ONCE if s[p].contact != s[k].contact else 0.0,
         )
-        for (p, k), last in spans_of(point.problem, chart).items()
+        for (p, k), lasts in lasting_at(point).items()
     }
     rounding = ROUNDING * point.evaluation.sizes[1]
     found |= {(k, k): (x, rounding) for k, x in chart.approaches(point.problem, point.evaluation).items()}
