@@ -31,6 +31,9 @@ Integers = NDArray[np.int64]
 #: Most sliders that may be undecided at one time.
 _MOST_UNDECIDED = 8
 
+#: Shares of its limit by which a stuck slider may exceed it: the second one where rounding hides that it slides.
+_OVER = 1e-12, 1e-9
+
 #: A slip speed below this share of the largest one so far is zero, and so is an acceleration of its terms.
 _ZERO = 1e-11
 
@@ -166,10 +169,10 @@ class SlidingSolution(EventSolution):
             )
         choices = sorted(product(range(3), repeat=len(undecided)), key=sum)
         places = [first + j for j in undecided]
-        for choice in choices:
+        for over, choice in product(_OVER, choices):
             trial = status.copy()
             trial[places] = [order[k] for order, k in zip(orders, choice, strict=True)]
-            if self._admissible(t, trial, displacement, velocity, gaps, triggered, undecided, status):
+            if self._admissible(t, trial, displacement, velocity, gaps, triggered, undecided, status, over):
                 status[:] = trial
                 return
         raise ConvergenceError(
@@ -179,7 +182,7 @@ class SlidingSolution(EventSolution):
 
     def _admissible(
         self, t: float, status: Integers, displacement: Array, velocity: Array, gaps: Array, triggered: dict[int, int],
-        undecided: list[int], before: Integers,
+        undecided: list[int], before: Integers, over: float,
     ) -> bool:  # fmt: skip
         sliders, first = self.sliders, self.contact_count
         rate, reaction, size = self.accelerations(t, status, displacement, velocity, gaps)
@@ -188,7 +191,7 @@ class SlidingSolution(EventSolution):
             at = first + j
             if status[at] == PINNED:
                 # One that breaks away is at its limit; that it may stick there is tried last.
-                if abs(reaction[held.index(at)]) > sliders.static[j] * (1.0 + 1e-12):
+                if abs(reaction[held.index(at)]) > sliders.static[j] * (1.0 + over):
                     return False
             else:
                 sign = 1.0 if status[at] == UP else -1.0

@@ -20,8 +20,8 @@ from vofem.laws.friction import DOWN, UP
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.gaps import ROUNDING, stops_of
 from vofem.studies.steady.point import Point, corrected, derivative_by_value, point_at, scales_of
-from vofem.studies.steady.signature import AT_ONCE, Signature, States
-from vofem.studies.steady.switches import Switch
+from vofem.studies.steady.signature import Signature, States
+from vofem.studies.steady.switches import AT_ONCE, Switch
 from vofem.studies.steady.watched import (
     STUCK,
     TOGETHER,
@@ -48,6 +48,9 @@ _BEYOND, _SEVERAL = 1e-8, 1e-6
 
 #: Largest height of a slider's extreme, over its limit or the speed of the motion, in the orbit at its limit.
 _AT_LIMIT = 1e-10
+
+#: Height of a slider's extreme up to which it begins together with another one: forces are rounded more than places.
+_FORCES = 1e-11
 
 #: Longer ones, and the cosines of the angle between the branch and lengths that grow evenly between which they are
 #: needed: where the branch bends from there to other directions, rounding decides.
@@ -85,7 +88,7 @@ def orbit_outside(
     """
     if law_of(family.of(guess), mark.contact) == "stick" and not mark.turns:
         point, mark = _at_limit(family, chart, guess, mark, towards, near)
-        rounding = max(TOGETHER, 4.0 * abs(nearest_extreme(point.evaluation, mark).height))
+        rounding = max(_FORCES, 4.0 * abs(nearest_extreme(point.evaluation, mark).height))
     else:
         point, mark = _without_length(family, chart, guess, mark, towards, near)
         rounding = TOGETHER
@@ -213,19 +216,23 @@ def _slip(known: Any, chart: Signature, phases: Array, mark: Mark) -> list[tuple
         k = turn_near(chart, phases, contact, phase)
         return [(k, float(phases[k]), Switch(contact, PINNED))]
     for k, switch in enumerate(chart.switches):
-        if switch == (contact, PINNED) and chart.alike(float(phases[k]), phase):
+        if switch[:2] == (contact, PINNED) and chart.alike(float(phases[k]), phase):
             return [(k, float(phases[k]), Switch(contact, UP + DOWN - int(chart.statuses[k][contact])))]
     # What switches there does so while the slider sticks or slides.
     there_too = np.flatnonzero(np.abs(phases - phase) <= AT_ONCE)
-    over = int(there_too.size > 0)
-    number = int(there_too[0] if over else np.searchsorted(phases, phase))
+    number = int(there_too[0] if there_too.size else np.searchsorted(phases, phase))
+    over = chart.together(number).stop if there_too.size else number
     now = int(chart.statuses[number][contact])
-    there = PINNED
-    if now == PINNED:
-        problem, time = known.problem, phase / known.problem.loads.omega
-        state = known.path.state(number, time - float(known.path.times[number]))
-        there = UP if problem.course.reaction(chart.statuses[number], time, state, contact)[0] > 0.0 else DOWN
-    return [(number, phase, Switch(contact, there)), (number + over, phase, Switch(contact, now))]
+    if now != PINNED:
+        return [(number, phase, Switch(contact, PINNED)), (over, phase, Switch(contact, now, over > number))]
+    problem, time = known.problem, phase / known.problem.loads.omega
+    state = known.path.state(number, time - float(known.path.times[number]))
+    before, after = (problem.course.reaction(chart.statuses[k], time, state, contact)[0] for k in (number, over))
+    # It slides before, and over the other switch, or from that one on.
+    jumps = abs(after) > abs(before) * (1.0 + ROUNDING)
+    force, begins = (after, over) if jumps else (before, number)
+    there = Switch(contact, UP if force > 0.0 else DOWN, jumps)
+    return [(begins, phase, there), (over, phase, Switch(contact, now))]
 
 
 def lasting_of(problem: Any, chart: Signature, first: int, last: int) -> Begun:
@@ -278,7 +285,7 @@ def orbit_beyond(
         tried = sorted({_SEVERAL if several else _BEYOND, *_LONGER})
         if slow:
             known = chart.lengths(y[:-1])
-            tried = [min(most, *(stuck_of(known, one.first, one.last) for one in lasting))]
+            tried = [min(most, *(stuck_of(chart, known, one.first, one.last) for one in lasting))]
         for length in tried:
             guess = y.copy()
             for first, last, ends in lasting:
@@ -308,7 +315,7 @@ def orbit_beyond(
         every = chart.approaches(problem, evaluation)
         return np.array([every[k] for k in hits]) / at.evaluation.sizes[1]
 
-    rates = np.append((at.tangent * at.scales)[lengths], _slope(family, at, speeds) if hits else [])
+    rates = np.append((at.tangent * at.scales)[lengths], slope_along(family, at, speeds) if hits else [])
     if rates.max() < 0.0:
         at, rates = at.turned(), -rates
     if not rates.min() > 0.0:
@@ -339,7 +346,7 @@ def not_turned(short: Point, outside: Point) -> Point:
     return replace(short, tangent=np.append(short.tangent[:-1], -rate))
 
 
-def _slope(family: Family, point: Point, values: Callable[[Any, Any, Array], Any]) -> Array:
+def slope_along(family: Family, point: Point, values: Callable[[Any, Any, Array], Any]) -> Array:
     """Return the derivatives of values of problem, evaluation and coordinates along a branch, in scaled coordinates."""
     y = point.y + _DIFFERENCE * point.tangent * point.scales
     problem = family.of(y)
@@ -371,7 +378,7 @@ def away_along(family: Family, point: Point, marks: Sequence[Mark]) -> Array:
             found.append((above if closed else -above) / float(point.evaluation.gaps.size_of(contact)))
         return found
 
-    return _slope(family, point, away)
+    return slope_along(family, point, away)
 
 
 def with_length(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from itertools import chain
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from vofem.studies.steady.beside import (
     orbit_beyond,
     orbit_inside,
     orbit_outside,
+    slope_along,
     with_length,
 )
 from vofem.studies.steady.between import Step, point_between
@@ -27,7 +29,9 @@ from vofem.studies.steady.gaps import ROUNDING, stops_of
 from vofem.studies.steady.near import polished
 from vofem.studies.steady.point import Point, level, point_at
 from vofem.studies.steady.shooting import CLOSES
-from vofem.studies.steady.signature import AT_ONCE, Signature, signature_of
+from vofem.studies.steady.signature import Signature, States, signature_of
+from vofem.studies.steady.sticking import excess
+from vofem.studies.steady.switches import AT_ONCE, Edit
 from vofem.studies.steady.watched import (
     NEARLY,
     SAME,
@@ -36,6 +40,7 @@ from vofem.studies.steady.watched import (
     Pair,
     is_end,
     is_over,
+    jumps,
     lasting_at,
     law_of,
     newly_touching,
@@ -232,7 +237,9 @@ def _first(family: Family, now: Point, after: Point, changes: list[Change]) -> P
             inner = last if pairs else found.after
             # Where forces jump, what they do to rounding grows without bound at a grazing, but not beside it.
             one = found.at if inner is not None and inner.chart.smooth(inner.problem) else inner
-            if one is not None and not one.evaluation.repeats:
+            # Where two switch at one time a run may do so in either order.
+            ordered = not pairs or is_end(now.chart, pairs[0])
+            if one is not None and not (one.evaluation.repeats if ordered else one.evaluation.closes):
                 raise ConvergenceError(
                     f"the orbit at a change of contact at {one.value:.12g} does not repeat under an ordinary run, by "
                     f"{one.evaluation.closing:.1e} of the motion"
@@ -266,13 +273,15 @@ def ending(family: Family, now: Point) -> Passage | None:
     return _earliest(family, now, after, found)
 
 
-def resting(family: Family, now: Point, guess: Array) -> Passage | None:
+def resting(family: Family, now: Point, guess: Array, *, stick: bool = False) -> Passage | None:
     """Return the orbit at a guess ahead with the switches of an ordinary run there, of which some are rests at a gap.
 
     Under the displacement law touches become shorter without end, and a run lets a contact rest after some of them.
     Where their number changes, the orbits on both sides differ by less than such a touch does. So they do where a body
     that rests at a rigid stop begins to leave it for a moment. None where no contact rests, where another contact
     touches, and where the orbit belongs to another branch.
+
+    `stick`: whether it is sliders that rest.
     """
     chart, problem, n = now.chart, family.of(guess), now.problem.size
     new, y, found = chart, guess[:-1], None
@@ -282,9 +291,9 @@ def resting(family: Family, now: Point, guess: Array) -> Passage | None:
         old = new.switches
         new, y = signature_of(problem, new.flow(problem, y))
         every = [chart.switches, new.switches]
-        rests = any(s.status == PINNED and law_of(problem, s.contact) != "stick" for one in every for s in one)
+        rests = {law_of(problem, s.contact) == "stick" for one in every for s in one if s.status == PINNED}
         touching = [{s.contact for s in one} for one in every]
-        if not rests or new.switches == old or touching[0] != touching[1]:
+        if stick not in rests or new.switches == old or touching[0] != touching[1]:
             return None
         found = polished(new.evaluate(problem, y))
         if found is None:
@@ -318,7 +327,7 @@ def _located(family: Family, now: Point, after: Point, change: Change) -> tuple[
         outer = _along(now, outer)
         return Passage(outer, outer, orbit_inside(family, outer, every), _contacts(every)), ()
     if not is_end(old, pairs[0]):
-        return _swapped(family, now, after, guess, pairs[0][1], near.evaluation), pairs
+        return _reordered(family, now, after, guess, pairs, near.evaluation)
     phases = old.phases(guess[:-1])
     gone = sorted({index for p, k in pairs for index in _gone(now.problem, old, p, k)})
     during = {pair: stop for pair in pairs for stop in stops_of(now.problem, old) if pair[0] < stop.first < pair[1]}
@@ -361,7 +370,10 @@ def _located(family: Family, now: Point, after: Point, change: Change) -> tuple[
             groups.append((p, k))
     # What slides or sticks for a short time does so in the step; how short depends on its neighbours.
     ends = [lasting_at(one) for one in (now, after)] if slips else []
-    most = min((0.5 * sum(max(one[pair], 0.0) for one in ends) for pair in slips), default=np.inf)
+    # Only what comes before the switch that happens meanwhile has a length that is given.
+    lengths = old.lengths(now.y[:-1])
+    shares = {(p, k): float(lengths[p + 1] / lengths[p + 1 : k + 1].sum()) for p, k in slips}
+    most = min((0.5 * shares[pair] * sum(max(one[pair], 0.0) for one in ends) for pair in slips), default=np.inf)
     begun = [lasting_of(now.problem, old, p, k) for p, k in groups]
     inner = orbit_beyond(family, old, zero, begun, near.evaluation, most)
     if inner is None:
@@ -401,32 +413,106 @@ def _contacts(marks: Sequence[Mark]) -> tuple[int, ...]:
     return tuple(sorted(mark.contact for mark in marks))
 
 
-def _swapped(family: Family, now: Point, after: Point, guess: Array, k: int, near: Any) -> Passage:
-    """Return the orbit in which two contacts switch at one time, and the same one with the switches in other order."""
-    chart: Signature = now.chart
-    place = now.problem.size + k
-    at = with_length(family, chart, guess, place, 0.0, near)
+def _reordered(
+    family: Family, now: Point, after: Point, guess: Array, pairs: Sequence[Pair], near: Any
+) -> tuple[Passage, tuple[Pair, ...]]:
+    """Return the orbit in which switches happen at one time and one beyond it, and the pairs of which this is so.
+
+    Beyond, they do so in another order, or one of them at once by the jump of a force at the other, or no longer so.
+    """
+    chart, n, (p, k) = now.chart, now.problem.size, pairs[0]
+    if chart.switches[k].at_once:
+        # The orbit in which it happens without a jump at the same time.
+        alone, y, (number,) = chart.edited(guess[:-1], *_no_longer(chart, (p, k), guess[:-1]))
+        zero = number + int(p != k)
+        begins = chart.begins_of(near, *_no_longer(chart, (p, k), near.y))
+        found = with_length(family, alone, np.append(y, guess[-1]), n + zero, 0.0, begins)
+        y, states = (np.delete(x, i, axis=0) for x, i in ((found.y, n + zero), (found.evaluation.states, zero + 1)))
+        y, states = np.insert(y, n + k, 0.0), np.insert(states, k + 1, states[k], axis=0)
+        at = point_at(family, chart, y, now.tangent, near=States(y[:-1], states))
+    else:
+        at = with_length(family, chart, guess, n + k, 0.0, near)
     _between(now, after, at.y)
-    one, other = (at.problem.space.contacts[chart.switches[j].contact] for j in (k - 1, k))
+    there = watched_at(at)
+    reordered = tuple(pair for pair in pairs if pair == (p, k) or abs(there[pair][0]) <= there[pair][1])
+    for pair in reordered:
+        _check_impacts(at, pair)
+    (first, *_), edits = zip(*(_reorder(at, pair) for pair in reordered), strict=True)
+    gone, added = (list(chain.from_iterable(parts)) for parts in zip(*edits, strict=True))
+    new, y, numbers = chart.edited(at.y[:-1], gone, added)
+    y[[n + j for j, switch in enumerate(new.switches) if switch.at_once]] = 0.0
+    # What vanishes at this orbit grows beyond it: a time before a switch, or a force beyond its limit.
+    towards, begins = level(y.size + 1), chart.begins_of(at.evaluation, gone, added)
+    number = numbers[first.which] + first.later
+    if not first.force:
+        towards = np.zeros(y.size + 1)
+        towards[n + number] = 1.0
+    beyond = point_at(family, new, np.append(y, at.value), towards, near=begins)
+    if first.force:
+        key = (new.causes[number] if first.force == "before" else number), number
+        grows = slope_along(family, beyond, lambda problem, evaluation, _: [new.caused(problem, evaluation)[key][0]])
+        beyond = beyond if grows[0] > 0.0 else beyond.turned()
+    return Passage(_along(now, at), at, beyond, ()), reordered
+
+
+class _Grows(NamedTuple):
+    """What vanishes where switches are reordered: the length before one that is added, or before a later one."""
+
+    which: int = 0
+    later: int = 0
+    force: str = ""  #: That of a release at once instead, "before" or "after" its cause.
+
+
+def _no_longer(chart: Signature, pair: Pair, y: Array) -> Edit:
+    """Return what `Signature.edited` needs for a release that comes a time after its cause, or before."""
+    p, k = pair
+    return [k], [(p, float(chart.phases(y)[p]), chart.switches[k]._replace(at_once=False))]
+
+
+def _reorder(at: Point, pair: Pair) -> tuple[_Grows, Edit]:
+    """Return what `Signature.edited` needs where two switches, or a release at once, leave their order."""
+    (p, k), chart, problem = pair, at.chart, at.problem
+    s = chart.switches
+    if s[k].at_once:
+        return _Grows(later=int(p != k)), _no_longer(chart, pair, at.y[:-1])
+    cause, moved, phase = chart.causes[p], chart.together(k), float(chart.phases(at.y[:-1])[k])
+    before = [int(chart.statuses[j][s[j].contact]) for j in (cause, k)]
+    if before[0] != PINNED and before[1] == PINNED and jumps(problem, chart, cause):
+        return _Grows(force="after"), ([k], [(k, phase, s[k]._replace(at_once=True))])
+    if before[0] == PINNED and before[1] != PINNED and cause == p and jumps(problem, chart, k):
+        return _Grows(force="before"), ([p], [(moved.stop, phase, s[p]._replace(at_once=True))])
+    let_go = [j for j in moved if s[j].contact == s[p].contact]
+    if s[p].status == PINNED and cause == p and let_go:
+        # What stopped before and was let go of at once turns instead.
+        return _Grows(), ([p, *let_go], [(moved.stop, phase, s[let_go[0]]._replace(at_once=False))])
+    if min(before[1], s[k].status) > PINNED and jumps(problem, chart, cause):
+        stuck, time = chart.statuses[cause].copy(), float(at.evaluation.path.times[k])
+        stuck[s[k].contact] = PINNED
+        if excess(problem, stuck, time, at.evaluation.path.starts[k], *s[k][:2])[0] < 0.0:
+            # It does not turn before the other switch, but stops, and that one lets it go.
+            added = [(cause, phase, s[k]._replace(status=PINNED)), (k, phase, s[k]._replace(at_once=True))]
+            return _Grows(later=1), ([k], added)
+    return _Grows(which=len(moved) - 1, later=1), ([*moved], [(cause, phase, s[j]) for j in moved])
+
+
+def _check_impacts(at: Point, pair: Pair) -> None:
+    """Raise where two impacts happen at the same time that depend on each other."""
+    chart: Signature = at.chart
+    p, k = pair
+    one, other = (at.problem.space.contacts[chart.switches[j].contact] for j in (p, k))
     coupled = abs(one @ other) > ROUNDING * float(np.linalg.norm(one) * np.linalg.norm(other))
-    if max(chart.struck[k - 1 : k + 1]) >= 0 and coupled:
+    if not chart.switches[k].at_once and max(chart.struck[p], chart.struck[k]) >= 0 and coupled:
         raise ConvergenceError(
             "two impacts happen at the same time, of bodies that move each other; beyond, their order is another one, "
             "and so is the motion"
         )
-    edit = [k], [(k - 1, float(chart.phases(at.y[:-1])[k]), chart.switches[k])]
-    new, y, _ = chart.edited(at.y[:-1], *edit)
-    towards = np.zeros(at.y.size)
-    towards[place] = 1.0
-    beyond = point_at(family, new, np.append(y, at.value), towards, near=chart.begins_of(at.evaluation, *edit))
-    return Passage(_along(now, at), at, beyond, ())
 
 
 def _gone(problem: Any, chart: Signature, p: int, k: int) -> list[int]:
     """Return the switches that the orbit outside does not have, of what ends between two of them."""
     if law_of(problem, chart.switches[k].contact) != "stick":
         return [p, k]
-    if k != p + 1 and not is_over(problem, chart, p, k):
+    if k != p + 1 and not is_over(chart, p, k):
         raise ConvergenceError("a slider ceases to stick while contacts switch")
     return [p] if turns_between(chart, p, k) else [p, k]
 

@@ -47,6 +47,9 @@ REPORTED = "the value reached and stop"
 #: Longest step in which touches may turn into a rest.
 _RESTING = 1e-3
 
+#: Steps by which what sliders do in very short times is passed.
+_FARTHER = (1e-3, 1e-4, 1e-5)
+
 #: Distance in scaled coordinates within which a step may end at a grazing.
 _NEAR = 0.03
 
@@ -196,10 +199,12 @@ class Follower:
             if after is None:
                 self._count("rejected_flows")
                 step *= _SHRINK
-                if step < LEAST:
+                if step >= LEAST:
+                    continue
+                after = self._farther(now)
+                if after is None:
                     self.notes.append(self._lost(now))
                     return
-                continue
             now, step = after
         # What comes after the branch, such as pictures, is to hear of it too.
         if report(now.value):
@@ -290,6 +295,22 @@ class Follower:
                 "until they rest. Special points accumulate there, and the nearest ones are not listed"
             )
         return self._passed(now, passed, step)
+
+    def _farther(self, now: Point) -> tuple[Point, float] | None:
+        """Return the next orbit whose sliders switch as in an ordinary run, where they do so in very short times."""
+        if not isinstance(now.chart, Signature) or now.problem.course.sliders is None:
+            return None
+        for step in _FARTHER:
+            passed = None
+            with contextlib.suppress(ConvergenceError, np.linalg.LinAlgError):
+                passed = resting(self.family, now, now.y + step * now.tangent * now.scales, stick=True)
+            if passed is not None and not self.family.interval.left(passed.at.value):
+                self.notes.append(
+                    f"between {now.value:.12g} and {passed.at.value:.12g} sliders stop and slide for times that are "
+                    f"too short to be told apart{what_contacts_do(now)}. Special points there are not listed"
+                )
+                return self._passed(now, passed, step)
+        return None
 
     @staticmethod
     def _before(now: Point, passed: Passage) -> tuple[float, bool]:

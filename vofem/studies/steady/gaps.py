@@ -16,7 +16,7 @@ from vofem.laws.friction import UP
 from vofem.studies.steady.extremes import LEAST, Extreme, least_rate, peak, turning_points
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.sticking import pull_of
-from vofem.studies.steady.switches import Switches
+from vofem.studies.steady.switches import AT_ONCE, Switches
 from vofem.system import CLOSED, PINNED
 
 #: Height of an extreme on the wrong side, over the size of the motion, that is rounding.
@@ -88,8 +88,9 @@ class Gaps:
         sliders, path, found = self.problem.course.sliders, self.path, list[Extreme]()
         if sliders is None:
             return found
-        for segment in np.flatnonzero(path.durations > 0.0).tolist():
-            came = self.chart.switches[segment - 1] if segment else None
+        # In a shorter segment forces change by their rounding.
+        for segment in np.flatnonzero(path.durations * self.problem.loads.omega > AT_ONCE).tolist():
+            came = self.chart.switches[self.chart.causes[segment - 1] : segment] if segment else ()
             mine = slice(*np.searchsorted(of, [segment, segment + 1]))
             for slider in range(sliders.first, len(self.chart.start)):
                 slip, status = self._slip(segment, slider), self.chart.statuses[segment][slider]
@@ -100,7 +101,8 @@ class Gaps:
                 else:
                     times, heights = tau[mine], rates[slider, mine] * self._back(slider, status)
                 places = (np.flatnonzero((heights[1:-1] > heights[:-2]) & (heights[1:-1] >= heights[2:])) + 1).tolist()
-                if came == (slider, PINNED):
+                stops = any(s.contact == slider and s.status == PINNED for s in came)
+                if stops or (came and heights[0] > max(heights[1], _LOW) and self._jumps(segment, slider, heights[0])):
                     places.insert(0, 0)
                 if heights[-1] > max(heights[-2], _LOW) and self._corner(segment, slider, heights[-1], times[-2:]):
                     places.append(times.size - 1)
@@ -113,17 +115,30 @@ class Gaps:
         return found
 
     def _corner(self, segment: int, slider: int, height: float, last: Array) -> bool:
-        """Return whether the force of a slider that sticks turns at the end of a segment, where another one switches.
+        """Return whether what tells of a slider turns at the end of a segment, where another one switches.
 
         `height`: its height there.
         `last`: the last two samples of the times in the segment.
         """
-        chart, after = self.chart, segment + 1
-        if after > len(chart.switches) or {chart.statuses[k][slider] for k in (segment, after)} != {PINNED}:
+        if segment == len(self.chart.switches):
             return False
+        after = self.chart.together(segment).stop
         step = min(float(last[1] - last[0]), float(self.path.durations[after]))
-        then = self._slip(after, slider)(np.array([0.0, step])) if step > 0.0 else np.array([np.inf])
-        return bool(then[0] <= height + ROUNDING and then[-1] < height)
+        if not self._goes_on(slider, segment, after) or step * self.problem.loads.omega <= AT_ONCE:
+            return False
+        then = self._slip(after, slider)(np.array([0.0, step]))
+        return bool(then[0] <= height + ROUNDING and then[-1] < height - ROUNDING)
+
+    def _jumps(self, segment: int, slider: int, height: float) -> bool:
+        """Return whether the force of a slider that sticks has jumped to a height where a segment begins."""
+        before = self.chart.causes[segment - 1]
+        end = self.path.durations[before]
+        sticks = self.chart.statuses[segment][slider] == PINNED and self._goes_on(slider, before, segment)
+        return bool(sticks and end > 0.0 and self._slip(before, slider)(np.array([end]))[0] < height - ROUNDING)
+
+    def _goes_on(self, slider: int, before: int, after: int) -> bool:
+        """Return whether a slider does not switch between two segments."""
+        return all(switch.contact != slider for switch in self.chart.switches[before:after])
 
     def _back(self, slider: int, status: int) -> float:
         """Return the factor by which the speed of a slider that slides becomes a height, s/m."""
@@ -201,7 +216,7 @@ def stops_of(problem: Any, chart: Switches) -> list[Stop]:
         return found
     rows = problem.space.contacts / np.linalg.norm(problem.space.contacts, axis=1, keepdims=True)
     parallel = np.abs(rows @ rows[: sliders.first].T) >= 1.0 - ROUNDING
-    for k, (slider, status) in enumerate(chart.switches):
+    for k, (slider, status, _) in enumerate(chart.switches):
         held = np.flatnonzero(parallel[slider]).tolist()
         if chart.statuses[k][slider] <= PINNED or not held:
             continue

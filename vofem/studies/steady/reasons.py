@@ -59,7 +59,7 @@ def what_contacts_do(point: Point) -> str:
 def _shortest_rest(point: Point, contact: int) -> float:
     """Return the shortest time in rad of the load for which something rests at a rigid stop."""
     chart, lengths = point.chart, point.chart.lengths(point.y[:-1])
-    rests = ((p, k) for p, k in chart.successive if chart.switches[p] == (contact, PINNED))
+    rests = ((p, k) for p, k in chart.successive if chart.switches[p][:2] == (contact, PINNED))
     return min((float(lengths[p + 1 : k + 1].sum()) for p, k in rests), default=np.inf)
 
 

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from vofem.arrays import Array, Complex
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.along import Path
-from vofem.integrators.event_driven.flow import Flow
+from vofem.integrators.event_driven.flow import Flow, FlowEvent
 from vofem.laws.friction import DOWN, UP
 from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.extremes import LEAST, Extreme, turning_points
@@ -40,7 +40,7 @@ from vofem.studies.steady.newton import direction
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
 from vofem.studies.steady.settling import SETTLES, bounces_of, settled
 from vofem.studies.steady.shooting import CLOSES, Shooting, relative, share
-from vofem.studies.steady.sticking import centring, places_of, released
+from vofem.studies.steady.sticking import centring, excess, places_of, released
 from vofem.studies.steady.switches import Switch, Switches
 from vofem.system import CLOSED, PINNED
 
@@ -52,9 +52,6 @@ _NEAR_ANCHOR = 0.15
 
 #: Height of an extreme or a touch, over the size of the motion, up to which an orbit grazes a contact.
 _GRAZED = 1e-12
-
-#: Length in rad by which two switches may be in the wrong order: those of several contacts at one time.
-AT_ONCE = 1e-9
 
 #: Difference of phases, over the orbit, up to which a switch of a flow is one of the signature.
 _SAME = 1e-5
@@ -73,6 +70,9 @@ _SHORT = 1e-5
 
 #: Rounding error of a multiplier, divided by its condition and the size of the monodromy matrix.
 _EPS = 64.0 * float(np.finfo(float).eps)
+
+#: Relative difference of times that are one, and share of the jump of a force by which it lacks its limit before.
+_INSTANT, _LACKS = 1e-14, 1e-9
 
 #: Condition of the equations of the switches above which multipliers need a generalised eigenvalue problem.
 _SINGULAR = 1e3
@@ -175,6 +175,11 @@ class SignatureEvaluation:
     def closing(self) -> float:
         """Difference of both ends of an ordinary run over the orbit from t = 0, over the size of the motion."""
         return self._ran[1]
+
+    @property
+    def closes(self) -> bool:
+        """Whether an ordinary run over the orbit comes back, whichever switches it takes."""
+        return self._comes_back(True, self.closing)
 
     @cached_property
     def repeats(self) -> bool:
@@ -395,8 +400,8 @@ class Signature(Switches):
         laws = problem.system.contacts
         if laws is None:
             return True
-        used = sorted({contact for contact, _ in self.switches})
-        if max(self.struck, default=-1) >= 0 or any(status > PINNED for _, status in self.switches):
+        used = sorted({s.contact for s in self.switches})
+        if max(self.struck, default=-1) >= 0 or any(s.status > PINNED for s in self.switches):
             return False
         return not np.any((laws.jump & (laws.gap > 0.0))[used] | (laws.damping[used] > 0.0))
 
@@ -422,14 +427,13 @@ class Signature(Switches):
             assert since is not None
             if since < index - 1:
                 values[index], derived[index] = _mean(path, int(contacts[index]), since, index)
-        for index, (contact, status) in enumerate(self.switches):
+        for index, (contact, status, at_once) in enumerate(self.switches):
             before = self.statuses[index][contact]
-            if before == PINNED:
-                if self._let_go(problem, path, index):
-                    # It follows the switch before after no time.
-                    values[index], sizes[index] = problem.loads.omega * path.durations[index], 1.0
-                    derived[index] = problem.loads.omega * (path.shifts[index] - path.shifts[index - 1])
-                    continue
+            if at_once:
+                # It follows the switch before after no time.
+                values[index], sizes[index] = problem.loads.omega * path.durations[index], 1.0
+                derived[index] = problem.loads.omega * (path.shifts[index] - path.shifts[index - 1])
+            elif before == PINNED:
                 values[index], derived[index], sizes[index] = released(problem, path, index, contact, status)
             elif before > PINNED:
                 # A slider comes to rest.
@@ -439,7 +443,7 @@ class Signature(Switches):
 
     @cached_property
     def _contacts(self) -> NDArray[np.int64]:
-        return np.array([contact for contact, _ in self.switches], dtype=np.int64)
+        return np.array([s.contact for s in self.switches], dtype=np.int64)
 
     @cached_property
     def _since(self) -> list[int | None]:
@@ -456,22 +460,26 @@ class Signature(Switches):
         """Numbers of the switches whose coordinates have changed as much as nothing since an earlier one."""
         return np.array([k for k, since in enumerate(self._since) if since is not None], dtype=np.int64)
 
-    def _let_go(self, problem: Shooting, path: Path, index: int) -> bool:
-        """Return whether a pinned contact is released at once because a switch before it lets its reaction jump."""
-        (contact, status), laws, cause = self.switches[index], problem.system.contacts, index - 1
-        if not index or status > PINNED or self.statuses[index][contact] != PINNED:
-            return False
-        while cause > 0 and self._let_go(problem, path, cause):
-            cause -= 1
-        if self.statuses[cause][contact] != PINNED:
-            return False
-        assert laws is not None
-        before, after = (
-            problem.course.reaction(self.statuses[k], float(path.times[index]), state, contact)[0]
-            for k, state in ((cause, path.ends[cause]), (index, path.starts[index]))
-        )
-        full = float(laws.stiffness[contact] * laws.gap[contact])
-        return before < full <= after if status == CLOSED else after <= 0.0 < before
+    def caused(self, problem: Shooting, evaluation: SignatureEvaluation) -> dict[tuple[int, int], tuple[float, float]]:
+        """Return by how much the forces of what is released at once lack its limit before, and exceed it after, in N.
+
+        They and their rounding come by the numbers of the cause and the release, and by that of the release twice.
+        """
+        path, found = evaluation.path, dict[tuple[int, int], tuple[float, float]]()
+        rows, sliders = problem.space.contacts, problem.course.sliders
+        for k, (contact, status, at_once) in enumerate(self.switches):
+            if not at_once:
+                continue
+            cause, time = self.causes[k], float(path.times[k])
+            before = excess(problem, self.statuses[cause], time, path.ends[cause], contact, status)
+            after = excess(problem, self.statuses[k], time, path.starts[k], contact, status)
+            rounding = max(before[1], after[1], _LACKS * abs(after[0] - before[0]))
+            found[cause, k] = -before[0], rounding
+            struck = self.struck[cause]
+            if struck < 0 or sliders is None or contact < sliders.first or rows[struck] @ rows[contact] == 0.0:
+                # An impact moves what a slider holds.
+                found[k, k] = after[0], rounding
+        return found
 
     # -- coordinates ----------------------------------------------------------------------------------
 
@@ -550,9 +558,9 @@ class Signature(Switches):
         if laws is None or not laws.rigid.any():
             return False
         speeds = np.einsum("ij,ij->i", rows[self._contacts], evaluation.path.ends[: len(self.switches), n:])
-        moving = np.array([status[j] != PINNED for status, (j, _) in zip(self.statuses, self.switches, strict=False)])
+        moving = np.array([status[j] != PINNED for status, (j, *_) in zip(self.statuses, self.switches, strict=False)])
         before = {k: float(speeds[p]) for p, k in self.successive if p in self.settling}
-        for k, (contact, status) in enumerate(self.switches):
+        for k, (contact, status, _) in enumerate(self.switches):
             if status == PINNED and moving[k] and laws.rigid[contact] and laws.restitution[contact] > 0.0:
                 slow = SETTLES * float(speeds[moving & (self._contacts == contact)].max())
                 if speeds[k] > _ALLOWED * slow or before.get(k, np.inf) < slow / _ALLOWED:
@@ -570,7 +578,7 @@ class Signature(Switches):
             same = [
                 one
                 for one in left
-                if one[1] == (event.contact, event.after) and abs(one[0] - phase) <= _SAME * self.turn
+                if one[1][:2] == (event.contact, event.after) and abs(one[0] - phase) <= _SAME * self.turn
             ]
             if same:
                 left.remove(same[0])
@@ -600,13 +608,14 @@ class Signature(Switches):
         sliders, found, path = problem.course.sliders, {}, evaluation.path
         if sliders is None:
             return {}
-        for k, (contact, status) in enumerate(self.switches):
+        for k, (contact, status, _) in enumerate(self.switches):
             if status > PINNED and self.statuses[k][contact] > PINNED:
-                stuck = self.statuses[k].copy()
+                # What happens at once does so as if it stuck.
+                stuck = self.statuses[self.together(k).stop].copy()
                 stuck[contact] = PINNED
                 time, limit = float(path.times[k] + path.durations[k]), sliders.static[contact - sliders.first]
-                pull, rounding = problem.course.reaction(stuck, time, path.ends[k], contact)
-                found[k] = (pull if status == UP else -pull) / limit - 1.0, max(rounding / limit, ROUNDING)
+                over, rounding = excess(problem, stuck, time, path.ends[k], contact, status)
+                found[k] = over / limit, max(rounding / limit, ROUNDING)
         return found
 
     # -- other signatures -----------------------------------------------------------------------------
@@ -711,9 +720,33 @@ def signature_of(problem: Shooting, flow: Flow) -> tuple[Signature, Array]:
     }
     stuck = [j for j, own in statuses.items() if _one_way(own)]
     start = tuple(PINNED if j in stuck else int(s) for j, s in enumerate(segments.status[0]))
-    events = [(e.time * omega, Switch(e.contact, e.after)) for e in settled(flow) if e.contact not in stuck]
+    events = [(e.time * omega, switch) for e, switch in _switches(problem, flow) if switch.contact not in stuck]
     anchor = flow.start.time * omega
     lengths = np.diff([anchor, *(time for time, _ in events)])
     new = Signature(start, tuple(switch for _, switch in events), anchor, problem.periods)
     state = problem.to_unknowns(flow.start.displacement, flow.start.velocity)
     return new, np.concatenate([state, lengths])
+
+
+def _switches(problem: Shooting, flow: Flow) -> list[tuple[FlowEvent, Switch]]:
+    """Return the events of a flow, and their switches; what is released at once follows its cause."""
+    record, found = flow.solution.record, list[tuple[FlowEvent, Switch]]()
+    events = settled(flow)
+    while events:
+        now = [e for e in events if e.time <= events[0].time * (1.0 + _INSTANT)]
+        events = events[len(now) :]
+        causes = [e for e in now if e.before != PINNED]
+        found += [(e, Switch(e.contact, e.after)) for e in causes]
+        index = int(np.searchsorted(record.starts, now[0].time, side="left"))
+        for e in now:
+            if e.before == PINNED:
+                at_once = False
+                if causes and 0 < index < record.segments:
+                    state = np.concatenate(record.state(index))
+                    before, _ = excess(problem, record.status(index - 1), e.time, state, e.contact, e.after)
+                    status = record.status(index).copy()
+                    status[e.contact] = PINNED
+                    after, _ = excess(problem, status, e.time, state, e.contact, e.after)
+                    at_once = before < -_LACKS * abs(after - before)
+                found.append((e, Switch(e.contact, e.after, at_once)))
+    return found

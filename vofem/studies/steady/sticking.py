@@ -117,6 +117,25 @@ def pull_of(problem: Shooting, path: Path, segment: int, slider: int) -> Callabl
     return lambda tau: np.asarray(motion.reactions(tau)[held] + begin)
 
 
+def excess(
+    problem: Shooting, status: Status, time: float, state: Array, contact: int, towards: int
+) -> tuple[float, float]:
+    """Return by how much the force of what rests in a modal state (2n,) exceeds the limit at which it switches, in N.
+
+    `towards`: the status that it takes there.
+    The second value is rounding.
+    """
+    sliders, laws = problem.course.sliders, problem.system.contacts
+    assert laws is not None
+    force, rounding = problem.course.reaction(status, time, state, contact)
+    if towards > PINNED:
+        assert sliders is not None
+        force, full = (force if towards == UP else -force), float(sliders.static[contact - sliders.first])
+        return force - full, rounding
+    full = float(laws.stiffness[contact] * laws.gap[contact])
+    return (force - full if towards == CLOSED else -force), rounding
+
+
 def released(problem: Shooting, path: Path, index: int, contact: int, status: int) -> tuple[float, Array, float]:
     """Return the equation of a release: the reaction reaches zero, or the force of the closed contact."""
     laws, n = problem.system.contacts, problem.size // 2

@@ -14,6 +14,9 @@ from vofem.arrays import Array
 from vofem.studies.steady.settling import bounces
 from vofem.system import OPEN, PINNED
 
+#: Length in rad by which two switches may be in the wrong order: those of several contacts at one time.
+AT_ONCE = 1e-9
+
 #: Difference of phases over the orbit that is rounding.
 _ALIKE = 1e-6
 
@@ -22,10 +25,18 @@ _AT_REST = 0.1
 
 
 class Switch(NamedTuple):
-    """A contact and the status that it takes, that which it has at an impact on a rigid stop."""
+    """A contact and the status that it takes, that which it has at an impact on a rigid stop.
+
+    `at_once`: whether what rests is released by the jump of a force at the switch before, at the same time.
+    """
 
     contact: int
     status: int
+    at_once: bool = False
+
+
+#: Numbers of switches that are left out, and switches that are added; see `Switches.edited`.
+Edit = tuple[list[int], list[tuple[int, float, Switch]]]
 
 
 @dataclass(frozen=True)
@@ -46,7 +57,7 @@ class Switches:
     def statuses(self) -> list[NDArray[np.int64]]:
         """Status of the contacts in each segment, each of shape (n_contacts,)."""
         found = [np.array(self.start, dtype=np.int64)]
-        for contact, status in self.switches:
+        for contact, status, _ in self.switches:
             found.append(found[-1].copy())
             found[-1][contact] = status
         return found
@@ -56,7 +67,7 @@ class Switches:
         """For every switch the one before of the same contact, if there is one after the anchor."""
         found: list[int | None] = []
         latest: dict[int, int] = {}
-        for k, (contact, status) in enumerate(self.switches):
+        for k, (contact, status, _) in enumerate(self.switches):
             found.append(latest.pop(contact, None))
             if status == self.statuses[k][contact] or max(status, self.statuses[k][contact]) > PINNED:
                 # The coordinate between two impacts is no short touch, and that of a slider is free.
@@ -68,7 +79,23 @@ class Switches:
     @cached_property
     def struck(self) -> list[int]:
         """For every switch the rigid stop that is hit, or -1."""
-        return [j if now[j] == status else -1 for now, (j, status) in zip(self.statuses, self.switches, strict=False)]
+        pairs = zip(self.statuses, self.switches, strict=False)
+        return [s.contact if now[s.contact] == s.status else -1 for now, s in pairs]
+
+    @cached_property
+    def causes(self) -> list[int]:
+        """For every switch the one by whose jump of a force it happens, itself if it does not happen at once."""
+        found = list[int]()
+        for k, switch in enumerate(self.switches):
+            found.append(found[-1] if switch.at_once else k)
+        return found
+
+    def together(self, k: int) -> range:
+        """Return the numbers of a switch, which does not happen at once, and of all that do by it."""
+        last = k + 1
+        while last < len(self.switches) and self.switches[last].at_once:
+            last += 1
+        return range(k, last)
 
     def lengths(self, y: Array) -> Array:
         """Return the lengths of all segments in rad, shape (n_switches + 1,)."""
@@ -97,7 +124,7 @@ class Switches:
     def successive(self) -> list[tuple[int, int]]:
         """Pairs of switches of one contact with none of it in between, but for those over the anchor."""
         found, latest = [], dict[int, int]()
-        for k, (contact, _) in enumerate(self.switches):
+        for k, (contact, *_) in enumerate(self.switches):
             if contact in latest:
                 found.append((latest[contact], k))
             latest[contact] = k
@@ -126,7 +153,7 @@ class Switches:
         """Pairs of switches between which a slider sticks, or slides until it sticks, but for those over the anchor."""
         found = []
         began: dict[int, int] = {}
-        for k, (contact, status) in enumerate(self.switches):
+        for k, (contact, status, _) in enumerate(self.switches):
             if PINNED in (status, self.statuses[k][contact]) and contact in began:
                 found.append((began[contact], k))
             if max(status, self.statuses[k][contact]) > PINNED:

@@ -16,7 +16,8 @@ from vofem.integrators.event_driven.flow import Flow
 from vofem.studies.steady.extremes import Extreme
 from vofem.studies.steady.gaps import ROUNDING, stops_of
 from vofem.studies.steady.point import Point
-from vofem.studies.steady.signature import AT_ONCE, Signature
+from vofem.studies.steady.signature import Signature
+from vofem.studies.steady.switches import AT_ONCE
 from vofem.system import PINNED
 
 #: Largest length in rad for which a slider sticks that has just begun to: it lasts before as the square root of the
@@ -77,9 +78,16 @@ def law_of(problem: Any, contact: int) -> str:
     return "jump" if laws.jump[contact] and laws.gap[contact] > 0.0 else "smooth"
 
 
+def jumps(problem: Any, chart: Signature, k: int) -> bool:
+    """Return whether forces or velocities jump at a switch. Those of a release do not."""
+    contact, laws = chart.switches[k].contact, problem.system.contacts
+    moves = chart.statuses[k][contact] != PINNED
+    return bool(moves and (law_of(problem, contact) != "smooth" or laws.damping[contact] > 0.0))
+
+
 def mark_of(chart: Signature, y: Array, k: int) -> Mark:
     """Return the contact that switches at a switch, and where in the orbit."""
-    contact, status = chart.switches[k]
+    contact, status, _ = chart.switches[k]
     return Mark(contact, float(chart.phases(y[:-1])[k]), min(status, int(chart.statuses[k][contact])) > PINNED)
 
 
@@ -91,35 +99,35 @@ def is_end(chart: Signature, pair: Pair) -> bool:
 
 def turn_near(chart: Signature, phases: Array, contact: int, phase: float) -> int:
     """Return the switch at which a slider turns, the nearest to a phase."""
-    mine = [k for k, (j, status) in enumerate(chart.switches) if j == contact and status > PINNED]
+    mine = [k for k, s in enumerate(chart.switches) if s.contact == contact and s.status > PINNED]
     mine = [k for k in mine if chart.statuses[k][contact] > PINNED]
     return min(mine, key=lambda k: abs(float(phases[k]) - phase))
 
 
 def turns_between(chart: Signature, p: int, k: int) -> bool:
     """Return whether a slider turns where what it does between two switches ends: only one of both is left."""
-    contact, status = chart.switches[k]
+    contact, status, _ = chart.switches[k]
     before = int(chart.statuses[p][contact])
     return before > PINNED and before != status
 
 
 def slips_between(chart: Signature, p: int, k: int) -> bool:
     """Return whether a slider stops between two switches and slides on, or slides until it stops."""
-    contact, status = chart.switches[k]
+    contact, status, _ = chart.switches[k]
     if chart.switches[p].contact != contact or max(status, int(chart.statuses[k][contact])) <= PINNED:
         return False
     return status == PINNED or not turns_between(chart, p, k)
 
 
-def is_over(problem: Any, chart: Signature, p: int, k: int) -> bool:
-    """Return whether something that sticks slides between two switches, and one other slider switches meanwhile."""
-    over = k == p + 2 and law_of(problem, chart.switches[p + 1].contact) == "stick"
-    return over and chart.statuses[p][chart.switches[p].contact] == PINNED
+def is_over(chart: Signature, p: int, k: int) -> bool:
+    """Return whether a slider sticks or slides between two switches, and one other switch happens meanwhile."""
+    return k > p + 1 and not chart.switches[p + 1].at_once and k in (*chart.together(p + 1), chart.together(p + 1).stop)
 
 
-def stuck_of(lengths: Array, first: int, last: int) -> float:
+def stuck_of(chart: Signature, lengths: Array, first: int, last: int) -> float:
     """Return the length in rad, between two switches, of a stick or slide that has just begun."""
-    return min(STUCK, _ROOM * float(lengths[[first, last + 1]].min()))
+    beside = chart.causes[first], chart.together(chart.causes[last]).stop
+    return min(STUCK, _ROOM * float(lengths[[*beside]].min()))
 
 
 def is_among(chart: Signature, marks: Sequence[Mark], contact: int, phase: float) -> bool:
@@ -146,17 +154,20 @@ def spans_of(problem: Any, chart: Signature) -> dict[Pair, int]:
     """Return pairs of switches that stay in their order, of touches and sticks, and neighbours of two contacts.
 
     Each comes with the switch up to which its time counts. A touch during which a slider holds the point that touches
-    ends with its begin: the time up to the stop of the slider vanishes. So does the time of a slider up to the switch
-    of another one that happens meanwhile. Both cannot switch in another order.
+    ends with its begin: the time up to the stop of the slider vanishes. Both cannot switch in another order.
     """
     s, stops = chart.switches, stops_of(problem, chart)
-    found = {pair: pair[1] for pair in (*chart.touches, *chart.spells)}
-    found |= {pair: pair[0] + 1 for pair in chart.spells if is_over(problem, chart, *pair)}
+    lasts = [pair for pair in chart.spells if not (is_over(chart, *pair) and turns_between(chart, *pair))]
+    found = {pair: pair[1] for pair in (*chart.touches, *lasts)}
     for p, k in chart.touches:
         found[p, k] = next((stop.first for stop in stops if p < stop.first < k and s[p].contact in stop.held), k)
     held = {(at, j) for stop in stops for at in (stop.first, stop.last) for j in stop.held}
     for k in range(1, len(s)):
-        if s[k].contact != s[k - 1].contact and not {(k, s[k - 1].contact), (k - 1, s[k].contact)} & held:
+        if (
+            not s[k].at_once
+            and s[k].contact != s[k - 1].contact
+            and not {(k, s[k - 1].contact), (k - 1, s[k].contact)} & held
+        ):
             found[k - 1, k] = k
     return found
 
@@ -175,14 +186,15 @@ def watched_at(point: Point) -> dict[Pair, tuple[float, float]]:
     lengths, s = chart.lengths(point.y[:-1]), chart.switches
     found = {
         (p, k): (
-            lasts - (_NEARLY_STUCK * stuck_of(lengths, p, k) if slips_between(chart, p, k) else 0.0),
+            lasts - (_NEARLY_STUCK * stuck_of(chart, lengths, p, k) if slips_between(chart, p, k) else 0.0),
             AT_ONCE if s[p].contact != s[k].contact else 0.0,
         )
         for (p, k), lasts in lasting_at(point).items()
     }
     rounding = ROUNDING * point.evaluation.sizes[1]
     found |= {(k, k): (x, rounding) for k, x in chart.approaches(point.problem, point.evaluation).items()}
-    return found | {(k, k): margin for k, margin in chart.margins(point.problem, point.evaluation).items()}
+    found |= {(k, k): margin for k, margin in chart.margins(point.problem, point.evaluation).items()}
+    return found | chart.caused(point.problem, point.evaluation)
 
 
 def vanished(now: Point, after: Point, without: Collection[Pair] = ()) -> list[Change]:
@@ -195,19 +207,23 @@ def vanished(now: Point, after: Point, without: Collection[Pair] = ()) -> list[C
             found.append((here / (here - there) if here > there else 0.0, pair))
     found = [(share, pair) for share, pair in found if pair not in without]
     ends = [(share, pair) for share, pair in found if is_end(chart, pair)]
-    changes = []
+    changes, orders = [], list[tuple[float, Pair]]()
     for share, (p, k) in found:
-        if not is_end(chart, (p, k)):
-            if p == k:
-                if any(one == p for _, (one, _) in ends):
-                    # It turns for the stop that vanishes.
-                    continue
+        if is_end(chart, (p, k)):
+            continue
+        if chart.switches[k].at_once:
+            if not any(k in pair for _, pair in ends):
+                orders.append((share, (p, k)))
+        elif p == k:
+            # It may turn for the stop that vanishes.
+            if not any(one == p for _, (one, _) in ends):
                 changes.append(Change(share, begins=mark_of(chart, now.y, k)))
-            elif not any(one <= p and k <= other for _, (one, other) in ends):
-                changes.append(Change(share, ((p, k),)))
-    if ends:
-        share = min(ends)[0]
-        changes.append(Change(share, tuple(pair for one, pair in sorted(ends) if one <= share + SAME)))
+        elif not any(one <= p and k <= other for _, (one, other) in ends):
+            orders.append((share, (p, k)))
+    for several in (orders, ends):
+        if several:
+            share = min(several)[0]
+            changes.append(Change(share, tuple(pair for one, pair in sorted(several) if one <= share + SAME)))
     return changes
 
 
