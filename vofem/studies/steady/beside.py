@@ -18,7 +18,7 @@ from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.laws.friction import DOWN, UP
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.gaps import ROUNDING, stops_of
+from vofem.studies.steady.gaps import ROUNDING, jumps, law_of, stops_of
 from vofem.studies.steady.point import Point, corrected, derivative_by_value, point_at, scales_of
 from vofem.studies.steady.signature import Signature, States
 from vofem.studies.steady.switches import AT_ONCE, Switch
@@ -28,7 +28,6 @@ from vofem.studies.steady.watched import (
     Begun,
     Mark,
     is_among,
-    law_of,
     mark_of,
     nearest_extreme,
     newly_touching,
@@ -229,9 +228,9 @@ def _slip(known: Any, chart: Signature, phases: Array, mark: Mark) -> list[tuple
     state = known.path.state(number, time - float(known.path.times[number]))
     before, after = (problem.course.reaction(chart.statuses[k], time, state, contact)[0] for k in (number, over))
     # It slides before, and over the other switch, or from that one on.
-    jumps = abs(after) > abs(before) * (1.0 + ROUNDING)
-    force, begins = (after, over) if jumps else (before, number)
-    there = Switch(contact, UP if force > 0.0 else DOWN, jumps)
+    at_once = over > number and jumps(problem, chart, number) and abs(after) > abs(before)
+    force, begins = (after, over) if at_once else (before, number)
+    there = Switch(contact, UP if force > 0.0 else DOWN, at_once)
     return [(begins, phase, there), (over, phase, Switch(contact, now))]
 
 

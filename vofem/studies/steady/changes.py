@@ -25,7 +25,7 @@ from vofem.studies.steady.beside import (
 )
 from vofem.studies.steady.between import Step, point_between
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.gaps import ROUNDING, stops_of
+from vofem.studies.steady.gaps import ROUNDING, jumps, law_of, stops_of
 from vofem.studies.steady.near import polished
 from vofem.studies.steady.point import Point, level, point_at
 from vofem.studies.steady.shooting import CLOSES
@@ -40,9 +40,8 @@ from vofem.studies.steady.watched import (
     Pair,
     is_end,
     is_over,
-    jumps,
     lasting_at,
-    law_of,
+    mark_of,
     newly_touching,
     paired,
     run_of,
@@ -204,21 +203,26 @@ def _extremes_along(
 ) -> tuple[Array, Array]:
     """Return heights above a least one of extremes at two neighbours, and rates at which they leave the gap, (2, k).
 
+    Heights of sliders that turn are their margins, below zero.
     They are NaN where one is at the other end alone. `along`: factors of the derivatives along the branch.
     """
-    pairs = paired(*(point.evaluation.extremes for point in ends))
-    pairs = [pair for pair in pairs if max(e.height for e in pair if e is not None) >= least]
+    extremes = paired(*(point.evaluation.extremes for point in ends))
+    pairs = [tuple(None if e is None else (Mark(e.contact, e.phase), e.height) for e in pair) for pair in extremes]
+    margins = [point.chart.margins(point.problem, point.evaluation) for point in ends]
+    pairs += [
+        tuple((mark_of(one.chart, one.y, k), -margin[k][0]) for one, margin in zip(ends, margins, strict=True))
+        for k in margins[0]
+    ]
+    pairs = [pair for pair in pairs if max(one[1] for one in pair if one is not None) >= least]
     found = np.full((2, 2, len(pairs)), np.nan)
     for k, point in enumerate(ends):
         mine = [(number, pair[k]) for number, pair in enumerate(pairs)]
-        known = {number: e for number, e in mine if e is not None}
-        new = [e for e in known.values() if e not in point.leaving]
+        known = {number: one for number, one in mine if one is not None}
+        new = [mark for mark, _ in known.values() if mark not in point.leaving]
         if new:
-            point.leaving.update(
-                zip(new, away_along(family, point, [Mark(e.contact, e.phase) for e in new]), strict=True)
-            )
-        for number, e in known.items():
-            found[:, k, number] = e.height, along[k] * point.leaving[e]
+            point.leaving.update(zip(new, away_along(family, point, new), strict=True))
+        for number, (mark, height) in known.items():
+            found[:, k, number] = height, along[k] * point.leaving[mark]
     return found[0], found[1]
 
 
@@ -327,7 +331,7 @@ def _located(family: Family, now: Point, after: Point, change: Change) -> tuple[
         outer = _along(now, outer)
         return Passage(outer, outer, orbit_inside(family, outer, every), _contacts(every)), ()
     if not is_end(old, pairs[0]):
-        return _reordered(family, now, after, guess, pairs, near.evaluation)
+        return _reordered(family, now, after, guess, change, near.evaluation)
     phases = old.phases(guess[:-1])
     gone = sorted({index for p, k in pairs for index in _gone(now.problem, old, p, k)})
     during = {pair: stop for pair in pairs for stop in stops_of(now.problem, old) if pair[0] < stop.first < pair[1]}
@@ -414,13 +418,16 @@ def _contacts(marks: Sequence[Mark]) -> tuple[int, ...]:
 
 
 def _reordered(
-    family: Family, now: Point, after: Point, guess: Array, pairs: Sequence[Pair], near: Any
+    family: Family, now: Point, after: Point, guess: Array, change: Change, near: Any
 ) -> tuple[Passage, tuple[Pair, ...]]:
     """Return the orbit in which switches happen at one time and one beyond it, and the pairs of which this is so.
 
     Beyond, they do so in another order, or one of them at once by the jump of a force at the other, or no longer so.
     """
-    chart, n, (p, k) = now.chart, now.problem.size, pairs[0]
+    chart, n, share, pairs = now.chart, now.problem.size, change.share, change.pairs
+    p, k = pairs[0]
+    if share <= _AT_BEGIN and _grows(family, now, (p, k)):
+        raise ConvergenceError("switches change their order and change it back in one step")
     if chart.switches[k].at_once:
         # The orbit in which it happens without a jump at the same time.
         alone, y, (number,) = chart.edited(guess[:-1], *_no_longer(chart, (p, k), guess[:-1]))
@@ -448,14 +455,21 @@ def _reordered(
         towards = np.zeros(y.size + 1)
         towards[n + number] = 1.0
     beyond = point_at(family, new, np.append(y, at.value), towards, near=begins)
-    if first.force:
-        key = (new.causes[number] if first.force == "before" else number), number
-        grows = slope_along(family, beyond, lambda problem, evaluation, _: [new.caused(problem, evaluation)[key][0]])
-        beyond = beyond if grows[0] > 0.0 else beyond.turned()
+    if first.force and not _grows(family, beyond, (new.causes[number] if first.force == "before" else number, number)):
+        beyond = beyond.turned()
     return Passage(_along(now, at), at, beyond, ()), reordered
 
 
-class _Grows(NamedTuple):
+def _grows(family: Family, point: Point, pair: Pair) -> bool:
+    """Return whether the time between two switches grows, or the force of one at once beyond its limit."""
+    chart, (p, k) = point.chart, pair
+    if not chart.switches[k].at_once:
+        return bool(chart.rates(point.tangent * point.scales)[p + 1 : k + 1].sum() > 0.0)
+    slope = slope_along(family, point, lambda problem, evaluation, _: [chart.caused(problem, evaluation)[pair][0]])
+    return bool(slope[0] > 0.0)
+
+
+class _Place(NamedTuple):
     """What vanishes where switches are reordered: the length before one that is added, or before a later one."""
 
     which: int = 0
@@ -469,30 +483,30 @@ def _no_longer(chart: Signature, pair: Pair, y: Array) -> Edit:
     return [k], [(p, float(chart.phases(y)[p]), chart.switches[k]._replace(at_once=False))]
 
 
-def _reorder(at: Point, pair: Pair) -> tuple[_Grows, Edit]:
+def _reorder(at: Point, pair: Pair) -> tuple[_Place, Edit]:
     """Return what `Signature.edited` needs where two switches, or a release at once, leave their order."""
     (p, k), chart, problem = pair, at.chart, at.problem
     s = chart.switches
     if s[k].at_once:
-        return _Grows(later=int(p != k)), _no_longer(chart, pair, at.y[:-1])
+        return _Place(later=int(p != k)), _no_longer(chart, pair, at.y[:-1])
     cause, moved, phase = chart.causes[p], chart.together(k), float(chart.phases(at.y[:-1])[k])
     before = [int(chart.statuses[j][s[j].contact]) for j in (cause, k)]
     if before[0] != PINNED and before[1] == PINNED and jumps(problem, chart, cause):
-        return _Grows(force="after"), ([k], [(k, phase, s[k]._replace(at_once=True))])
+        return _Place(force="after"), ([k], [(k, phase, s[k]._replace(at_once=True))])
     if before[0] == PINNED and before[1] != PINNED and cause == p and jumps(problem, chart, k):
-        return _Grows(force="before"), ([p], [(moved.stop, phase, s[p]._replace(at_once=True))])
+        return _Place(force="before"), ([p], [(moved.stop, phase, s[p]._replace(at_once=True))])
     let_go = [j for j in moved if s[j].contact == s[p].contact]
     if s[p].status == PINNED and cause == p and let_go:
         # What stopped before and was let go of at once turns instead.
-        return _Grows(), ([p, *let_go], [(moved.stop, phase, s[let_go[0]]._replace(at_once=False))])
+        return _Place(), ([p, *let_go], [(moved.stop, phase, s[let_go[0]]._replace(at_once=False))])
     if min(before[1], s[k].status) > PINNED and jumps(problem, chart, cause):
         stuck, time = chart.statuses[cause].copy(), float(at.evaluation.path.times[k])
         stuck[s[k].contact] = PINNED
         if excess(problem, stuck, time, at.evaluation.path.starts[k], *s[k][:2])[0] < 0.0:
             # It does not turn before the other switch, but stops, and that one lets it go.
             added = [(cause, phase, s[k]._replace(status=PINNED)), (k, phase, s[k]._replace(at_once=True))]
-            return _Grows(later=1), ([k], added)
-    return _Grows(which=len(moved) - 1, later=1), ([*moved], [(cause, phase, s[j]) for j in moved])
+            return _Place(later=1), ([k], added)
+    return _Place(which=len(moved) - 1, later=1), ([*moved], [(cause, phase, s[j]) for j in moved])
 
 
 def _check_impacts(at: Point, pair: Pair) -> None:

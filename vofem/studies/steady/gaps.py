@@ -28,6 +28,9 @@ _SEARCHED, _PULLS = 20000, 2000
 #: Height of an extreme, over the size of the motion, below which it is not computed exactly.
 _LOW = -0.05
 
+#: Share of the last step of a segment at which a sample tells whether a slider has an extreme in it.
+_INSIDE = 1.0 / 16.0
+
 #: Height of an extreme above which others may lie close to it.
 _AT_GAP = -1e-6
 
@@ -101,40 +104,52 @@ class Gaps:
                 else:
                     times, heights = tau[mine], rates[slider, mine] * self._back(slider, status)
                 places = (np.flatnonzero((heights[1:-1] > heights[:-2]) & (heights[1:-1] >= heights[2:])) + 1).tolist()
-                stops = any(s.contact == slider and s.status == PINNED for s in came)
-                if stops or (came and heights[0] > max(heights[1], _LOW) and self._jumps(segment, slider, heights[0])):
-                    places.insert(0, 0)
-                if heights[-1] > max(heights[-2], _LOW) and self._corner(segment, slider, heights[-1], times[-2:]):
-                    places.append(times.size - 1)
-                for place in places:
-                    time, height = times[place], heights[place]
-                    if 0 < place < times.size - 1 and height > _LOW:
-                        time, height = peak(slip, times[place - 1], times[place + 1])
+                peaks = [
+                    peak(slip, times[k - 1], times[k + 1]) if heights[k] > _LOW else (times[k], heights[k])
+                    for k in places
+                ]
+                for edge, beside in ((0, 1), (-1, -2)):
+                    if edge == 0 and any(s.contact == slider and s.status == PINNED for s in came):
+                        peaks.append((0.0, heights[0]))
+                    elif heights[edge] > max(heights[beside], _LOW):
+                        peaks += self._at_edge(segment, slider, slip, times[[edge, beside]], heights[edge])
+                for time, height in peaks:
                     phase = float(path.times[segment] + time) * self.problem.loads.omega
                     found.append(Extreme(slider, segment, phase, float(height)))
         return found
 
-    def _corner(self, segment: int, slider: int, height: float, last: Array) -> bool:
-        """Return whether what tells of a slider turns at the end of a segment, where another one switches.
+    def _at_edge(
+        self, segment: int, slider: int, slip: Callable[[Array], Array], times: Array, height: float
+    ) -> list[tuple[float, float]]:
+        """Return the time and the height of the extreme of a slider at an edge of a segment, if there is one.
 
-        `height`: its height there.
-        `last`: the last two samples of the times in the segment.
+        `slip`: its heights by times.
+        `times`: of the edge, and of the sample beside it, which is lower.
+        `height`: that at the edge.
         """
-        if segment == len(self.chart.switches):
-            return False
-        after = self.chart.together(segment).stop
-        step = min(float(last[1] - last[0]), float(self.path.durations[after]))
-        if not self._goes_on(slider, segment, after) or step * self.problem.loads.omega <= AT_ONCE:
-            return False
-        then = self._slip(after, slider)(np.array([0.0, step]))
-        return bool(then[0] <= height + ROUNDING and then[-1] < height - ROUNDING)
-
-    def _jumps(self, segment: int, slider: int, height: float) -> bool:
-        """Return whether the force of a slider that sticks has jumped to a height where a segment begins."""
-        before = self.chart.causes[segment - 1]
-        end = self.path.durations[before]
-        sticks = self.chart.statuses[segment][slider] == PINNED and self._goes_on(slider, before, segment)
-        return bool(sticks and end > 0.0 and self._slip(before, slider)(np.array([end]))[0] < height - ROUNDING)
+        chart, path, omega = self.chart, self.path, self.problem.loads.omega
+        edge, inside = map(float, times)
+        ends = edge > inside
+        if (segment == len(chart.switches)) if ends else (segment == 0):
+            return []
+        before, after = (segment, chart.together(segment).stop) if ends else (chart.causes[segment - 1], segment)
+        if not self._goes_on(slider, before, after):
+            return []
+        if slip(np.array([edge + _INSIDE * (inside - edge)]))[0] > height + ROUNDING:
+            return [peak(slip, min(edge, inside), max(edge, inside))]
+        sticks, jumped = chart.statuses[segment][slider] == PINNED, jumps(self.problem, chart, before)
+        if not ends:
+            # Its force has jumped to this height.
+            there, turns = np.array([path.durations[before]]), sticks and jumped and path.durations[before] > 0.0
+            turns = turns and self._slip(before, slider)(there)[0] < height - ROUNDING
+        else:
+            # It has a corner.
+            step = min(edge - inside, float(path.durations[after]))
+            turns = (sticks or jumped) and step * omega > AT_ONCE
+            if turns:
+                then = self._slip(after, slider)(np.array([0.0, step]))
+                turns = then[0] <= height + ROUNDING and then[-1] < height - ROUNDING
+        return [(edge, height)] if turns else []
 
     def _goes_on(self, slider: int, before: int, after: int) -> bool:
         """Return whether a slider does not switch between two segments."""
@@ -207,6 +222,23 @@ class Gaps:
         phases = (path.times[segments[i]] + places) * problem.loads.omega
         found = j.tolist(), segments[i].tolist(), phases.tolist(), heights.tolist()
         return sorted(map(Extreme, *found))
+
+
+def law_of(problem: Any, contact: int) -> str:
+    """Return what a touch of a contact is: "stick" of a slider, "impact", or "jump" or "smooth" by its force."""
+    sliders, laws = problem.course.sliders, problem.system.contacts
+    if sliders is not None and contact >= sliders.first:
+        return "stick"
+    if laws.rigid[contact]:
+        return "impact"
+    return "jump" if laws.jump[contact] and laws.gap[contact] > 0.0 else "smooth"
+
+
+def jumps(problem: Any, chart: Switches, k: int) -> bool:
+    """Return whether forces or velocities jump at a switch. Those of a release do not."""
+    contact, laws = chart.switches[k].contact, problem.system.contacts
+    moves = chart.statuses[k][contact] != PINNED
+    return bool(moves and (law_of(problem, contact) != "smooth" or laws.damping[contact] > 0.0))
 
 
 def stops_of(problem: Any, chart: Switches) -> list[Stop]:

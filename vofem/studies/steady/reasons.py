@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from vofem.studies.steady.gaps import law_of
 from vofem.studies.steady.point import Point
 from vofem.studies.steady.signature import Signature
-from vofem.studies.steady.watched import NEARLY, law_of
+from vofem.studies.steady.watched import NEARLY
 from vofem.system import CLOSED, OPEN, PINNED
 
 #: Distance of an extreme from its gap, over the size of the motion, that is told where a branch is lost, and the number

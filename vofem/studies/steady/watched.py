@@ -68,23 +68,6 @@ class Change(NamedTuple):
     begins: Mark | None = None
 
 
-def law_of(problem: Any, contact: int) -> str:
-    """Return what a touch of a contact is: "stick" of a slider, "impact", or "jump" or "smooth" by its force."""
-    sliders, laws = problem.course.sliders, problem.system.contacts
-    if sliders is not None and contact >= sliders.first:
-        return "stick"
-    if laws.rigid[contact]:
-        return "impact"
-    return "jump" if laws.jump[contact] and laws.gap[contact] > 0.0 else "smooth"
-
-
-def jumps(problem: Any, chart: Signature, k: int) -> bool:
-    """Return whether forces or velocities jump at a switch. Those of a release do not."""
-    contact, laws = chart.switches[k].contact, problem.system.contacts
-    moves = chart.statuses[k][contact] != PINNED
-    return bool(moves and (law_of(problem, contact) != "smooth" or laws.damping[contact] > 0.0))
-
-
 def mark_of(chart: Signature, y: Array, k: int) -> Mark:
     """Return the contact that switches at a switch, and where in the orbit."""
     contact, status, _ = chart.switches[k]
