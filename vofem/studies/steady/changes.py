@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -213,7 +214,13 @@ def _extremes_along(
         tuple((mark_of(one.chart, one.y, k), -margin[k][0]) for one, margin in zip(ends, margins, strict=True))
         for k in margins[0]
     ]
-    pairs = [pair for pair in pairs if max(one[1] for one in pair if one is not None) >= least]
+    far = {False: least, True: min(least, -_REACH)}
+
+    def near(pair: tuple[Any, ...]) -> bool:
+        mark, height = max((one for one in pair if one is not None), key=itemgetter(1))
+        return bool(height >= far[None in pair and law_of(ends[0].problem, mark.contact) == "stick"])
+
+    pairs = list(filter(near, pairs))
     found = np.full((2, 2, len(pairs)), np.nan)
     for k, point in enumerate(ends):
         mine = [(number, pair[k]) for number, pair in enumerate(pairs)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Any, ClassVar
 
@@ -43,6 +43,9 @@ _CORNER, _SHORT = np.cos(np.radians(80.0)), 1e-4
 
 #: What a function given as `progress` is called with.
 REPORTED = "the value reached and stop"
+
+#: Step above which one whose special points are not all found is shortened.
+_NEAR_OTHERS = 1e-3
 
 #: Longest step in which touches may turn into a rest.
 _RESTING = 1e-3
@@ -260,7 +263,13 @@ class Follower:
         if passed is not None:
             return self._passed(now, passed, step)
         angle = float(np.arccos(np.clip(now.tangent @ after.tangent, -1.0, 1.0)))
-        self._take(Step(now, after))
+        told = len(self.notes)
+        special = self._on(Step(now, after))
+        if len(self.notes) > told and step > _NEAR_OTHERS:
+            # Where branches come near to each other a shorter step tells which of them is this one.
+            del self.notes[told:]
+            return None
+        self._take(Step(now, after), special=special)
         if end is not None and not self._over:
             self._ended(end)
         if self._over or self._closed(now, after):
@@ -428,15 +437,22 @@ class Follower:
                 return None
         return after
 
-    def _take(self, step: Step | None, point: Point | None = None) -> None:
-        """Add a point to the branch, and the special points on the way to it."""
+    def _on(self, step: Step) -> list[SpecialPoint]:
+        """Return the special points of the step from the last point."""
+        self._count("flows")
+        return self.located(step, self.steps[-1] if len(self.points) - 1 > self._begun else None)
+
+    def _take(
+        self, step: Step | None, point: Point | None = None, special: Sequence[SpecialPoint] | None = None
+    ) -> None:
+        """Add a point to the branch, and the special points on the way to it, where they are not given."""
         after = point if step is None else step.last
         assert after is not None
         self._count("flows")
         base = len(self.points) - 1
         if step is not None:
-            for special in self.located(step, self.steps[-1] if base > self._begun else None):
-                self._mark(special, base)
+            for mark in self._on(step) if special is None else special:
+                self._mark(mark, base)
                 if self._over:
                     break
             if self._leaving_another:

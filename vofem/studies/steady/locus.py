@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -219,7 +219,9 @@ class _Walk(Follower):
             found.append(special_at(name, *at))
         return sorted(found, key=lambda one: one.place)
 
-    def _take(self, step: Step | None, point: Point | None = None) -> None:
+    def _take(
+        self, step: Step | None, point: Point | None = None, special: Sequence[SpecialPoint] | None = None
+    ) -> None:
         """Add a point, unless it is none of a locus of its kind."""
         after = point if step is None else step.last
         assert after is not None
@@ -229,7 +231,7 @@ class _Walk(Follower):
         elif after.chart.kind == "branch_point" and abs(after.y[-3]) > _UNFOLDED:
             self._end(after, "where branches no longer meet, as in scenes that are not symmetric")
         else:
-            super()._take(step, point)
+            super()._take(step, point, special)
 
     def _recentred(self, now: Point, least: float = np.inf) -> Point:
         """Return a point with its anchor away from all switches, and with borders that are near its null vectors."""
