@@ -144,7 +144,7 @@ class Gaps:
             turns = turns and self._slip(before, slider)(there)[0] < height - ROUNDING
         else:
             # It has a corner.
-            step = min(edge - inside, float(path.durations[after]))
+            step = _INSIDE * min(edge - inside, float(path.durations[after]))
             turns = (sticks or jumped) and step * omega > AT_ONCE
             if turns:
                 then = self._slip(after, slider)(np.array([0.0, step]))
