@@ -339,6 +339,43 @@ def test_two_friction_dampers_of_a_beam(limits, loaded, ends, count) -> None:
     np.testing.assert_allclose(values[0], values[1][::-1], rtol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("places", "limits", "loaded", "ends", "count", "at_once"),
+    [
+        ((0.5, 0.75), (0.262, 0.241), 0.75, (3.1, 3.2), 0, True),
+        ((1.0, 0.5), (0.203, 0.205), 0.5, (3.83, 3.85), 4, False),
+    ],
+)
+def test_a_slider_slides_beside_the_stop_of_another_one(places, limits, loaded, ends, count, at_once) -> None:
+    """It is let go of at once over a range of frequencies, as the force of the other one jumps, or before the stop."""
+
+    def build(omega: float) -> vf.Scene:
+        beam = vf.Beam(1.0, EI=1.0, rhoA=1.0, elements=4, supports={"left": "clamped"}, name="beam")
+        dampers = [
+            vf.Friction(beam.at(x), coefficient=1.0, normal=limit, name=f"damper at {x}")
+            for x, limit in zip(places, limits, strict=True)
+        ]
+        load = vf.PointLoad(beam.at(loaded), vf.Sine(1.0, omega))
+        return vf.Scene([beam], [*dampers, vf.RayleighDamping(0.1, 0.003), load])
+
+    there, back = (vf.continuation(build, *way) for way in (ends, ends[::-1]))
+    assert (there.values[-1], back.values[-1]) == ends[::-1]
+    assert not (*there.notes, *back.notes)
+    assert all(orbit.residual < 1e-8 for orbit in there.orbits)
+    values = [[mark.value for mark in branch.special] for branch in (there, back)]
+    np.testing.assert_allclose(values[0], values[1][::-1], rtol=1e-9)
+    assert len(values[0]) == count
+    # Both sliders of some orbits switch at one time: one stops or turns, and the other one begins to slide.
+    together = [
+        any(
+            np.any(np.abs(one.breaks[:, None] - other.stops) <= 1e-12)
+            for one, other in itertools.permutations(orbit.result.frictions.values(), 2)
+        )
+        for orbit in there.orbits
+    ]
+    assert any(together) == at_once
+
+
 def test_a_beam_with_a_friction_damper_is_followed_through_all_its_states() -> None:
     """The tip sticks, slides and sticks again; both directions list the same points."""
     beam = vf.Beam(1.0, EI=1.0, rhoA=1.0, elements=1, supports={"left": "clamped"}, name="beam")
