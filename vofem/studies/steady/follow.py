@@ -440,7 +440,9 @@ class Follower:
     def _on(self, step: Step) -> list[SpecialPoint]:
         """Return the special points of the step from the last point."""
         self._count("flows")
-        return self.located(step, self.steps[-1] if len(self.points) - 1 > self._begun else None)
+        found = self.located(step, self.steps[-1] if len(self.points) - 1 > self._begun else None)
+        self._count("refinement_flows")
+        return found
 
     def _take(
         self, step: Step | None, point: Point | None = None, special: Sequence[SpecialPoint] | None = None
