@@ -56,6 +56,14 @@ def test_a_pair_that_leaves_the_circle_and_returns_beside_a_grazing():
     assert found == pytest.approx([2140.7938393217814, 2140.7938393484997, 2140.793839351629], abs=1e-8)
 
 
+def test_a_step_does_not_lead_to_another_branch():
+    """Two branches come near to each other; a walk that changes over comes back along its own orbits."""
+    case = drawn(2214)
+    branch = vf.continuation(case.build, case.start, 0.34)
+    assert branch.values[-1] == 0.34
+    assert not branch.notes
+
+
 def test_a_stiff_contact_opens_within_few_samples_of_a_switch():
     """The opening has a few thousandths of a radian, and beyond its grazing the branch bends within a millionth."""
     case = drawn(114)

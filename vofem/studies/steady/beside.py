@@ -101,8 +101,8 @@ def orbit_outside(
         for e in point.evaluation.extremes
         if abs(e.height) <= rounding and not is_among(chart, [mark, *own], e.contact, e.phase)
     ]
-    margins = chart.margins(point.problem, point.evaluation)
-    turns = [mark_of(chart, y, k) for k, (margin, least) in margins.items() if abs(margin) <= max(rounding, least)]
+    margins = point.evaluation.margins.items()
+    turns = [mark_of(chart, y, k) for k, (margin, least) in margins if abs(margin) <= max(rounding, least)]
     return point, [mark, *found, *(turn for turn in turns if not is_among(chart, [mark], turn.contact, turn.phase))]
 
 
@@ -367,7 +367,7 @@ def away_along(family: Family, point: Point, marks: Sequence[Mark]) -> Array:
         for k, mark in enumerate(marks):
             contact, phase, turns = mark
             if turns:
-                found.append(chart.margins(problem, evaluation)[turn_near(chart, phases, contact, phase)][0])
+                found.append(evaluation.margins[turn_near(chart, phases, contact, phase)][0])
                 continue
             if law_of(problem, contact) == "stick":
                 found.append(-nearest_extreme(evaluation, mark).height)

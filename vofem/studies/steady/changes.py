@@ -209,18 +209,18 @@ def _extremes_along(
     """
     extremes = paired(*(point.evaluation.extremes for point in ends))
     pairs = [tuple(None if e is None else (Mark(e.contact, e.phase), e.height) for e in pair) for pair in extremes]
-    margins = [point.chart.margins(point.problem, point.evaluation) for point in ends]
     pairs += [
-        tuple((mark_of(one.chart, one.y, k), -margin[k][0]) for one, margin in zip(ends, margins, strict=True))
-        for k in margins[0]
+        tuple((mark_of(one.chart, one.y, k), -one.evaluation.margins[k][0]) for one in ends)
+        for k in ends[0].evaluation.margins
     ]
-    far = {False: least, True: min(least, -_REACH)}
-
-    def near(pair: tuple[Any, ...]) -> bool:
+    near = []
+    for pair in pairs:
         mark, height = max((one for one in pair if one is not None), key=itemgetter(1))
-        return bool(height >= far[None in pair and law_of(ends[0].problem, mark.contact) == "stick"])
-
-    pairs = list(filter(near, pairs))
+        # A force whose extreme is gone at one end may have changed much.
+        alone = None in pair and law_of(ends[0].problem, mark.contact) == "stick"
+        if height >= (min(least, -_REACH) if alone else least):
+            near.append(pair)
+    pairs = near
     found = np.full((2, 2, len(pairs)), np.nan)
     for k, point in enumerate(ends):
         mine = [(number, pair[k]) for number, pair in enumerate(pairs)]
@@ -248,9 +248,9 @@ def _first(family: Family, now: Point, after: Point, changes: list[Change]) -> P
             inner = last if pairs else found.after
             # Where forces jump, what they do to rounding grows without bound at a grazing, but not beside it.
             one = found.at if inner is not None and inner.chart.smooth(inner.problem) else inner
-            # Where two switch at one time a run may do so in either order.
-            ordered = not pairs or is_end(now.chart, pairs[0])
-            if one is not None and not (one.evaluation.repeats if ordered else one.evaluation.closes):
+            # Where switches happen at one time a run may take them in another order.
+            reorders = bool(pairs) and not is_end(now.chart, pairs[0])
+            if one is not None and not (one.evaluation.closes if reorders else one.evaluation.repeats):
                 raise ConvergenceError(
                     f"the orbit at a change of contact at {one.value:.12g} does not repeat under an ordinary run, by "
                     f"{one.evaluation.closing:.1e} of the motion"
@@ -472,7 +472,7 @@ def _grows(family: Family, point: Point, pair: Pair) -> bool:
     chart, (p, k) = point.chart, pair
     if not chart.switches[k].at_once:
         return bool(chart.rates(point.tangent * point.scales)[p + 1 : k + 1].sum() > 0.0)
-    slope = slope_along(family, point, lambda problem, evaluation, _: [chart.caused(problem, evaluation)[pair][0]])
+    slope = slope_along(family, point, lambda _problem, evaluation, _y: [evaluation.caused[pair][0]])
     return bool(slope[0] > 0.0)
 
 

@@ -287,8 +287,7 @@ class Follower:
                 self._ahead = now, ending(self.family, now)
         passed = self._ahead[1]
         if passed is None and step <= _RESTING:
-            with contextlib.suppress(ConvergenceError, np.linalg.LinAlgError):
-                passed = resting(self.family, now, now.y + step * now.tangent * now.scales)
+            passed = self._resting(now, step)
         if passed is None or self.family.interval.left(passed.at.value):
             return None
         if step > _SHORT and self._before(now, passed)[1]:
@@ -305,14 +304,18 @@ class Follower:
             )
         return self._passed(now, passed, step)
 
+    def _resting(self, now: Point, step: float, *, stick: bool = False) -> Passage | None:
+        """Return the orbit a step ahead with the switches of an ordinary run, if there is one; see `resting`."""
+        with contextlib.suppress(ConvergenceError, np.linalg.LinAlgError):
+            return resting(self.family, now, now.y + step * now.tangent * now.scales, stick=stick)
+        return None
+
     def _farther(self, now: Point) -> tuple[Point, float] | None:
         """Return the next orbit whose sliders switch as in an ordinary run, where they do so in very short times."""
         if not isinstance(now.chart, Signature) or now.problem.course.sliders is None:
             return None
         for step in _FARTHER:
-            passed = None
-            with contextlib.suppress(ConvergenceError, np.linalg.LinAlgError):
-                passed = resting(self.family, now, now.y + step * now.tangent * now.scales, stick=True)
+            passed = self._resting(now, step, stick=True)
             if passed is not None and not self.family.interval.left(passed.at.value):
                 self.notes.append(
                     f"between {now.value:.12g} and {passed.at.value:.12g} sliders stop and slide for times that are "

@@ -73,8 +73,9 @@ class Point:
         Derivative of the residual with respect to the parameter.
     tangent : ndarray, shape (n + 1,)
         Direction of the branch in scaled coordinates, of length 1.
-    leaving : dict of Extreme to float
-        Rates at which extremes of gap functions leave their gaps in this direction, as far as they were asked for.
+    leaving : dict of Mark to float
+        Rates at which extremes of gap functions leave their gaps in this direction, and at which margins of sliders
+        that turn grow, as far as they were asked for.
     """
 
     chart: Any

@@ -144,6 +144,47 @@ class SignatureEvaluation:
         """The extremes of all gap functions inside segments at which the contact might switch."""
         return self.gaps.extremes
 
+    @cached_property
+    def margins(self) -> dict[int, tuple[float, float]]:
+        """By how much reactions of sliders would exceed their limits where they turn without sticking.
+
+        They and what of them is rounding are shares of the limits, by the numbers of the switches.
+        """
+        sliders, found, path = self.problem.course.sliders, {}, self.path
+        if sliders is None:
+            return {}
+        for k, (contact, status, _) in enumerate(self.chart.switches):
+            if status > PINNED and self.chart.statuses[k][contact] > PINNED:
+                # What its turn lets go of slides by then.
+                stuck = self.chart.statuses[self.chart.together(k).stop].copy()
+                stuck[contact] = PINNED
+                time, limit = float(path.times[k] + path.durations[k]), sliders.static[contact - sliders.first]
+                over, rounding = excess(self.problem, stuck, time, path.ends[k], contact, status)
+                found[k] = over / limit, max(rounding / limit, ROUNDING)
+        return found
+
+    @cached_property
+    def caused(self) -> dict[tuple[int, int], tuple[float, float]]:
+        """By how much the forces of what is released at once lack its limit before, and exceed it after, in N.
+
+        They and their rounding come by the numbers of the cause and the release, and by that of the release twice.
+        """
+        problem, chart, path, found = self.problem, self.chart, self.path, dict[tuple[int, int], tuple[float, float]]()
+        rows, sliders = problem.space.contacts, problem.course.sliders
+        for k, (contact, status, at_once) in enumerate(chart.switches):
+            if not at_once:
+                continue
+            cause, time = chart.causes[k], float(path.times[k])
+            before = excess(problem, chart.statuses[cause], time, path.ends[cause], contact, status)
+            after = excess(problem, chart.statuses[k], time, path.starts[k], contact, status)
+            rounding = max(before[1], after[1], _LACKS * abs(after[0] - before[0]))
+            found[cause, k] = -before[0], rounding
+            struck = chart.struck[cause]
+            if struck < 0 or sliders is None or contact < sliders.first or rows[struck] @ rows[contact] == 0.0:
+                # An impact moves what a slider holds.
+                found[k, k] = after[0], rounding
+        return found
+
     @property
     def grazes(self) -> str:
         """Name of a contact whose force jumps and that the orbit grazes within rounding; empty without one.
@@ -460,27 +501,6 @@ class Signature(Switches):
         """Numbers of the switches whose coordinates have changed as much as nothing since an earlier one."""
         return np.array([k for k, since in enumerate(self._since) if since is not None], dtype=np.int64)
 
-    def caused(self, problem: Shooting, evaluation: SignatureEvaluation) -> dict[tuple[int, int], tuple[float, float]]:
-        """Return by how much the forces of what is released at once lack its limit before, and exceed it after, in N.
-
-        They and their rounding come by the numbers of the cause and the release, and by that of the release twice.
-        """
-        path, found = evaluation.path, dict[tuple[int, int], tuple[float, float]]()
-        rows, sliders = problem.space.contacts, problem.course.sliders
-        for k, (contact, status, at_once) in enumerate(self.switches):
-            if not at_once:
-                continue
-            cause, time = self.causes[k], float(path.times[k])
-            before = excess(problem, self.statuses[cause], time, path.ends[cause], contact, status)
-            after = excess(problem, self.statuses[k], time, path.starts[k], contact, status)
-            rounding = max(before[1], after[1], _LACKS * abs(after[0] - before[0]))
-            found[cause, k] = -before[0], rounding
-            struck = self.struck[cause]
-            if struck < 0 or sliders is None or contact < sliders.first or rows[struck] @ rows[contact] == 0.0:
-                # An impact moves what a slider holds.
-                found[k, k] = after[0], rounding
-        return found
-
     # -- coordinates ----------------------------------------------------------------------------------
 
     def scales(self, problem: Shooting, evaluation: SignatureEvaluation) -> Array:
@@ -600,24 +620,6 @@ class Signature(Switches):
             return max(found, key=lambda e: e.height, default=None)
         return None
 
-    def margins(self, problem: Shooting, evaluation: SignatureEvaluation) -> dict[int, tuple[float, float]]:
-        """Return by how much reactions of sliders would exceed their limits where they turn without sticking.
-
-        They and what of them is rounding are shares of the limits, by the numbers of the switches.
-        """
-        sliders, found, path = problem.course.sliders, {}, evaluation.path
-        if sliders is None:
-            return {}
-        for k, (contact, status, _) in enumerate(self.switches):
-            if status > PINNED and self.statuses[k][contact] > PINNED:
-                # What happens at once does so as if it stuck.
-                stuck = self.statuses[self.together(k).stop].copy()
-                stuck[contact] = PINNED
-                time, limit = float(path.times[k] + path.durations[k]), sliders.static[contact - sliders.first]
-                over, rounding = excess(problem, stuck, time, path.ends[k], contact, status)
-                found[k] = over / limit, max(rounding / limit, ROUNDING)
-        return found
-
     # -- other signatures -----------------------------------------------------------------------------
 
     def begins_of(
@@ -730,23 +732,32 @@ def signature_of(problem: Shooting, flow: Flow) -> tuple[Signature, Array]:
 
 def _switches(problem: Shooting, flow: Flow) -> list[tuple[FlowEvent, Switch]]:
     """Return the events of a flow, and their switches; what is released at once follows its cause."""
-    record, found = flow.solution.record, list[tuple[FlowEvent, Switch]]()
-    events = settled(flow)
-    while events:
-        now = [e for e in events if e.time <= events[0].time * (1.0 + _INSTANT)]
-        events = events[len(now) :]
-        causes = [e for e in now if e.before != PINNED]
+    found, groups = list[tuple[FlowEvent, Switch]](), list[list[FlowEvent]]()
+    for e in settled(flow):
+        if groups and e.time <= groups[-1][0].time * (1.0 + _INSTANT):
+            groups[-1].append(e)
+        else:
+            groups.append([e])
+    for group in groups:
+        causes = [e for e in group if e.before != PINNED]
         found += [(e, Switch(e.contact, e.after)) for e in causes]
-        index = int(np.searchsorted(record.starts, now[0].time, side="left"))
-        for e in now:
+        for e in group:
             if e.before == PINNED:
-                at_once = False
-                if causes and 0 < index < record.segments:
-                    state = np.concatenate(record.state(index))
-                    before, _ = excess(problem, record.status(index - 1), e.time, state, e.contact, e.after)
-                    status = record.status(index).copy()
-                    status[e.contact] = PINNED
-                    after, _ = excess(problem, status, e.time, state, e.contact, e.after)
-                    at_once = before < -_LACKS * abs(after - before)
-                found.append((e, Switch(e.contact, e.after, at_once)))
+                found.append((e, Switch(e.contact, e.after, bool(causes) and _let_go(problem, flow, e, group[0].time))))
     return found
+
+
+def _let_go(problem: Shooting, flow: Flow, event: FlowEvent, time: float) -> bool:
+    """Return whether a release of a flow lacks its limit just before the switches of others at its time."""
+    record, contact = flow.solution.record, event.contact
+    index = int(np.searchsorted(record.starts, time, side="left"))
+    if not 0 < index < record.segments:
+        return False
+    held = record.status(index).copy()
+    held[contact] = PINNED
+    state = np.concatenate(record.state(index))
+    before, after = (
+        excess(problem, status, event.time, state, contact, event.after)[0]
+        for status in (record.status(index - 1), held)
+    )
+    return bool(before < -_LACKS * abs(after - before))

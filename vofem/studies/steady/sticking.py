@@ -125,15 +125,20 @@ def excess(
     `towards`: the status that it takes there.
     The second value is rounding.
     """
+    force, rounding = problem.course.reaction(status, time, state, contact)
+    over = force - _limit(problem, contact, towards)
+    return (over if towards in (UP, CLOSED) else -over), rounding
+
+
+def _limit(problem: Shooting, contact: int, towards: int) -> float:
+    """Return the force in N at which what rests is released towards a status."""
     sliders, laws = problem.course.sliders, problem.system.contacts
     assert laws is not None
-    force, rounding = problem.course.reaction(status, time, state, contact)
     if towards > PINNED:
         assert sliders is not None
-        force, full = (force if towards == UP else -force), float(sliders.static[contact - sliders.first])
-        return force - full, rounding
-    full = float(laws.stiffness[contact] * laws.gap[contact])
-    return (force - full if towards == CLOSED else -force), rounding
+        static = float(sliders.static[contact - sliders.first])
+        return static if towards == UP else -static
+    return float(laws.stiffness[contact] * laws.gap[contact]) if towards == CLOSED else 0.0
 
 
 def released(problem: Shooting, path: Path, index: int, contact: int, status: int) -> tuple[float, Array, float]:
@@ -142,10 +147,11 @@ def released(problem: Shooting, path: Path, index: int, contact: int, status: in
     assert laws is not None
     held = int(np.sum(path.statuses[index][:contact] == PINNED))
     motion, duration = path.motion(index), float(path.durations[index])
-    base, full = motion.regime.base, float(laws.stiffness[contact] * laws.gap[contact])
+    base, limit = motion.regime.base, _limit(problem, contact, status)
+    full = abs(limit) if status > PINNED else float(laws.stiffness[contact] * laws.gap[contact])
     force = base.quantities.reactions
     assert force is not None
-    value = float(motion.reactions(np.array([duration]))[held, 0]) - (full if status == CLOSED else 0.0)
+    value = float(motion.reactions(np.array([duration]))[held, 0])
     columns = path.all_columns[index] if path.all_columns.size else np.empty((2 * n, path.shifts.shape[1]))
     rates = problem.course.loads.at(np.array([float(path.times[index]) + duration]))[0, 1]
     pushed = force.share[held] @ base.forces[0][:, motion.regime.kind.function + 1]
@@ -156,18 +162,12 @@ def released(problem: Shooting, path: Path, index: int, contact: int, status: in
     derived = force.displacement[held] @ real.down(moved) + force.velocity[held] @ real.down(columns[n:])
     if kept is not None:
         derived = derived + kept.reaction[held] @ columns[:n]
-    if status > PINNED:
-        # A slider breaks away.
-        sliders = problem.course.sliders
-        assert sliders is not None
-        full = float(sliders.static[contact - sliders.first])
-        value -= full if status == UP else -full
-    elif laws.rigid[contact]:
+    if status <= PINNED and laws.rigid[contact]:
         full = float(np.abs(force.displacement[held]) @ np.abs(real.down(path.ends[index, :n])))
         full += float(np.abs(pushed) @ np.abs(rates)) / problem.loads.omega
     # The columns move with the end of the segment, the load's phase does too.
     return (
-        value,
+        value - limit,
         derived + float(pushed @ rates) * path.shifts[index],
         full,
     )

@@ -104,7 +104,7 @@ def slips_between(chart: Signature, p: int, k: int) -> bool:
 
 def is_over(chart: Signature, p: int, k: int) -> bool:
     """Return whether a slider sticks or slides between two switches, and one other switch happens meanwhile."""
-    return k > p + 1 and not chart.switches[p + 1].at_once and k in (*chart.together(p + 1), chart.together(p + 1).stop)
+    return p + 1 < k <= chart.together(p + 1).stop and not chart.switches[p + 1].at_once
 
 
 def stuck_of(chart: Signature, lengths: Array, first: int, last: int) -> float:
@@ -176,8 +176,8 @@ def watched_at(point: Point) -> dict[Pair, tuple[float, float]]:
     }
     rounding = ROUNDING * point.evaluation.sizes[1]
     found |= {(k, k): (x, rounding) for k, x in chart.approaches(point.problem, point.evaluation).items()}
-    found |= {(k, k): margin for k, margin in chart.margins(point.problem, point.evaluation).items()}
-    return found | chart.caused(point.problem, point.evaluation)
+    found |= {(k, k): margin for k, margin in point.evaluation.margins.items()}
+    return found | point.evaluation.caused
 
 
 def vanished(now: Point, after: Point, without: Collection[Pair] = ()) -> list[Change]:
