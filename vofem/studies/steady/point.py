@@ -22,7 +22,8 @@ _STEPS = 8
 _SLOW = 0.02
 
 #: Change of the parameter, as a share of it, below which it is held, and by how much an equation may give way to it.
-_HELD, _LOST = 4e-15, 1e-10
+#: The second ones hold where the plane gives way: it may by a share of the step to it.
+_HELD, _LOST = (4e-15, 1e-11), (1e-10, 1e-3)
 
 #: Change of the parameter, as a share of a step and of the parameter, above which it is used to compute the derivative.
 _TELLING, _EXACT = 1e-2, 1e-12
@@ -107,13 +108,19 @@ class Point:
 
 
 def derivative_by_value(family: Family, chart: Any, y: Array, evaluation: Any) -> Array:
-    """Return the derivative of the residual with respect to the parameter, by a difference, shape (n,).
+    """Return the derivative of the residual with respect to the parameter, by differences to second order, shape (n,).
 
-    It gives directions of branches. Where a branch turns does not depend on its digits.
+    It gives directions of branches, to which stiff contacts magnify its errors.
     """
-    beside = np.append(y[:-1], family.interval.beside(float(y[-1])))
-    moved = chart.evaluate(family.of(beside), y[:-1], derivative=False, near=evaluation)
-    return np.asarray((moved.residual - evaluation.residual) / (beside[-1] - y[-1]))
+    value = float(y[-1])
+    near = family.interval.beside(value) - value
+
+    def slope(step: float) -> Array:
+        beside = np.append(y[:-1], value + step)
+        moved = chart.evaluate(family.of(beside), y[:-1], derivative=False, near=evaluation)
+        return np.asarray((moved.residual - evaluation.residual) / (beside[-1] - value))
+
+    return 2.0 * slope(near) - slope(2.0 * near)
 
 
 class _OnPlane:
@@ -129,6 +136,10 @@ class _OnPlane:
         self.near, self.loose = near, loose
         self.family, self.chart, self.guess, self.scales, self.normal = family, chart, guess, scales, normal
         self.by_value = by_value
+        self._held, self._lost = _HELD[0], _LOST[0]
+        if loose == -1 and chart.lifted and near is not None:
+            step = float(np.linalg.norm((guess[:-1] - near.y) / scales[:-1]))
+            self._held, self._lost = _HELD[1], max(_LOST[0], _LOST[1] * step)
         self._before: Any = None
         self._moved, self._steps = np.zeros_like(guess), 0
 
@@ -160,12 +171,15 @@ class _OnPlane:
         back, along = direction(matrix, right).T * self.scales
         # Every change of the parameter rounds all phases anew, and stiff contacts magnify that. So the last steps hold
         # it; what it lacks is made up for by the equation that gives way.
-        held = self.loose is not None and abs(back[-1]) <= _HELD * abs(y[-1])
-        moved = 0.0 if held else (y[-1] - back[-1]) - y[-1]
+        held = self.loose is not None and abs(back[-1]) <= self._held * abs(y[-1])
+        whole = (y[-1] - back[-1]) - y[-1]
+        moved = 0.0 if held else whole
         lost = (moved + back[-1]) / along[-1] if along[-1] else np.inf
-        if abs(lost) <= _LOST:
+        if abs(lost) <= self._lost:
             back = back - lost * along
             back[-1] = -moved
+        else:
+            moved = whole
         self._before, self._moved, self._steps = now, -back, self._steps + 1
         # Columns do not tell of the parameter; where it moves, states follow from the segments themselves.
         self.near = now.after(self._moved[:-1]) if self.chart.lifted and moved == 0.0 else now

@@ -221,11 +221,13 @@ class Shooting(OrbitProblem):
     # -- equations ------------------------------------------------------------------------------------
 
     def run(
-        self, unknowns: Array, phase: float = 0.0, status: Sequence[int] | None = None, *, check: bool = False
-    ) -> Flow:
+        self, unknowns: Array, phase: float = 0.0, status: Sequence[int] | None = None, length: float | None = None, *,
+        check: bool = False,
+    ) -> Flow:  # fmt: skip
         """Return the flow over an orbit from a state at a phase of the loads in rad, counted; see `Work.checks`.
 
         `status`: of the contacts there; by default it follows from the state.
+        `length`: in rad of the loads; by default that of the orbit.
         Raises `ConvergenceError` if contacts chatter or the motion diverges.
         """
         self.work.begin()
@@ -237,7 +239,8 @@ class Shooting(OrbitProblem):
         time = phase / self.loads.omega
         start = Start(time, z, v, None if status is None else np.array(status, dtype=np.int64))
         try:
-            return flow(self.given, start, time + self.duration, counters=self.work.runs)
+            stop = time + (self.duration if length is None else length / self.loads.omega)
+            return flow(self.given, start, stop, counters=self.work.runs)
         except (EventStormError, ArgumentError) as error:
             # A state inside a rigid stop is refused as one of a scene is.
             raise ConvergenceError(str(error)) from error

@@ -19,6 +19,7 @@ H. Dankowicz, F. Schilder, Recipes for Continuation, SIAM 2013, doi:10.1137/1.97
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -62,8 +63,9 @@ _ALLOWED = 2.0
 #: Rounding of the unknowns, as a share of them, and signs with which it is tried.
 _DIGITS, _SIGNS = 1e-15, ((1.0, -1.0), (1.0, 1.0, -1.0), (-1.0, 1.0, 1.0, 1.0, -1.0))
 
-#: A branch is followed through orbits of which a run misses so much by rounding.
-_TOLD = 1e-6
+#: What one run may miss by rounding, over the size of the motion, and parts of an orbit that are run where it misses
+#: more.
+_TOLD, _PARTS = 1e-6, 8
 
 #: Length in rad of a touch that may be lost in rounding.
 _SHORT = 1e-5
@@ -210,7 +212,7 @@ class SignatureEvaluation:
         problem = self.problem
         start = problem.from_state(problem.state(self.chart.unknowns(problem, self.y, self)))
         flow = problem.run(start, check=True)
-        return self.chart.follows(self.y, flow), self._missed(flow, start)
+        return self.chart.follows(self.y, flow.events, problem.loads.omega), self._missed(flow, start)
 
     @property
     def closing(self) -> float:
@@ -220,37 +222,59 @@ class SignatureEvaluation:
     @property
     def closes(self) -> bool:
         """Whether an ordinary run over the orbit comes back, whichever switches it takes."""
-        return self._comes_back(True, self.closing)
+        return self.closing <= max(CLOSES, self.rounding)
 
     @cached_property
     def repeats(self) -> bool:
         """Whether an ordinary run over the orbit takes the same switches and comes back.
 
-        Where the orbit switches just at t = 0, a run from the phase of `y` may do so alone.
+        Where the orbit switches just at t = 0, a run from the phase of `y` may do so alone. Where rounding grows too
+        much in one run, runs over parts of the orbit tell.
         """
-        if self._comes_back(*self._ran):
-            return True
-        if not self._as_begun:
-            return False
-        flow = self.chart.flow(self.problem, self.y)
-        return self._comes_back(self.chart.follows(self.y, flow), self._missed(flow, self.y[: self.problem.size]))
+        follows, away = self._ran
+        return (
+            (follows and away <= CLOSES) or self._repeats_in(1) or (self.rounding > CLOSES and self._repeats_in(_PARTS))
+        )
 
-    @property
-    def _as_begun(self) -> bool:
-        """Whether the contacts are open or closed at the phase of `y` as the signature says; a run takes its word."""
+    def _repeats_in(self, parts: int) -> bool:
+        """Return whether runs over parts of the orbit take the same switches and end where the next ones begin.
+
+        The first begins at the phase of `y`, the others in the longest segments between.
+        """
+        chart, problem, path = self.chart, self.problem, self.path
+        edges = np.linspace(0, len(chart.switches) + 1, parts + 1).astype(int)
+        begins = [(0, 0.0, self.y[: problem.size])]
+        for low, high in itertools.pairwise(edges[1:].tolist()):
+            if high > low:
+                k = low + int(np.argmax(path.durations[low:high]))
+                tau = 0.5 * float(path.durations[k])
+                begins.append((k, tau, problem.unmodal(path.state(k, tau))))
+        phases = [(float(path.times[k]) + tau) * problem.loads.omega for k, tau, _ in begins]
+        phases = [chart.anchor, *phases[1:], chart.anchor + chart.turn]
+        ends, events = [state for *_, state in (*begins[1:], begins[0])], list[FlowEvent]()
+        for (k, _, state), end, begin, stop in zip(begins, ends, phases[:-1], phases[1:], strict=True):
+            if not self._as_begun(state, chart.statuses[k]):
+                return False
+            flow = problem.run(state, begin, chart.statuses[k].tolist(), stop - begin, check=True)
+            events += flow.events
+            if self._missed(flow, end) > CLOSES:
+                return False
+        return chart.follows(self.y, events, problem.loads.omega)
+
+    def _as_begun(self, state: Array, status: NDArray[np.int64]) -> bool:
+        """Return whether contacts are open or closed in a state in unknowns as their status says; runs take its word.
+
+        `status` has shape (n_contacts,).
+        """
         laws = self.problem.system.contacts
         assert laws is not None
-        z, _ = self.problem.to_modes(self.y[: self.problem.size])
+        z, _ = self.problem.to_modes(state)
         inside, allowed = self.problem.space.contacts @ z - laws.gap, CLOSES * self.gaps.size_of(range(len(laws)))
-        start = np.array(self.chart.start)
-        return bool(np.all((np.where(start == CLOSED, -inside, inside) <= allowed)[start < PINNED]))
+        return bool(np.all((np.where(status == CLOSED, -inside, inside) <= allowed)[status < PINNED]))
 
-    def _comes_back(self, follows: bool, away: float) -> bool:
-        return follows and (away <= CLOSES or away <= self.rounding)
-
-    def _missed(self, flow: Flow, start: Array) -> float:
-        """Return the difference of both ends of a flow from some unknowns, over the size of the motion."""
-        return relative(self.problem.to_unknowns(flow.displacement, flow.velocity) - start, self.sizes)
+    def _missed(self, flow: Flow, end: Array) -> float:
+        """Return the difference of the end of a flow from a state in unknowns, over the size of the motion."""
+        return relative(self.problem.to_unknowns(flow.displacement, flow.velocity) - end, self.sizes)
 
     @property
     def missed(self) -> float:
@@ -543,14 +567,14 @@ class Signature(Switches):
 
     # -- comparison with a flow -----------------------------------------------------------------------
 
-    def follows(self, y: Array, flow: Flow) -> bool:
-        """Return whether the events of a flow over an orbit are those of the signature, each contact for itself.
+    def follows(self, y: Array, events: Sequence[FlowEvent], omega: float) -> bool:
+        """Return whether the events of flows over an orbit are those of the signature, each contact for itself.
 
-        The flow may begin at any phase. Touches that are so short that they are lost in rounding do not count.
+        The flows may begin at any phase. Touches that are so short that they are lost in rounding do not count.
         """
-        phases, omega = self.phases(y), self.turn / (flow.stop - flow.start.time)
-        later = [self.anchor + (e.time * omega - self.anchor) % self.turn for e in flow.events]
-        found = sorted(zip(later, flow.events, strict=True), key=itemgetter(0))
+        phases = self.phases(y)
+        later = [self.anchor + (e.time * omega - self.anchor) % self.turn for e in events]
+        found = sorted(zip(later, events, strict=True), key=itemgetter(0))
         bouncing = bounces_of([event for _, event in found])
         for contact in range(len(self.start)):
             own = [k for k, s in enumerate(self.switches) if s.contact == contact and k not in self.settling]
@@ -560,7 +584,7 @@ class Signature(Switches):
                 continue
             if not mine and _one_way({self.start[contact], *(status for _, status in seen)}):
                 continue
-            hit = contact in self.struck or any(e.contact == contact and e.before == e.after for e in flow.events)
+            hit = contact in self.struck or any(e.contact == contact and e.before == e.after for e in events)
             rests = any(status == PINNED for _, status in (*mine, *seen))
             if hit or rests or _lasting(self.start[contact], mine) != _lasting(self.start[contact], seen):
                 return False
