@@ -23,7 +23,10 @@ _SLOW = 0.02
 
 #: Change of the parameter, as a share of it, below which it is held, and by how much an equation may give way to it.
 #: The second ones hold where the plane gives way: it may by a share of the step to it.
-_HELD, _LOST = (4e-15, 1e-11), (1e-10, 1e-3)
+_HELD, _LOST = (4e-15, 1e-11), (1e-10, 0.05)
+
+#: Growth of changes of the unknowns over an orbit above which directions need all digits of derivatives.
+_MAGNIFIED = 1e3
 
 #: Change of the parameter, as a share of a step and of the parameter, above which it is used to compute the derivative.
 _TELLING, _EXACT = 1e-2, 1e-12
@@ -107,10 +110,10 @@ class Point:
         return np.asarray(self.chart.unknowns(self.problem, self.y[:-1], self.evaluation))
 
 
-def derivative_by_value(family: Family, chart: Any, y: Array, evaluation: Any) -> Array:
-    """Return the derivative of the residual with respect to the parameter, by differences to second order, shape (n,).
+def derivative_by_value(family: Family, chart: Any, y: Array, evaluation: Any, *, exact: bool = False) -> Array:
+    """Return the derivative of the residual with respect to the parameter, by a difference, shape (n,).
 
-    It gives directions of branches, to which stiff contacts magnify its errors.
+    `exact`: to second order. Stiff contacts magnify errors of the direction of a branch that it gives.
     """
     value = float(y[-1])
     near = family.interval.beside(value) - value
@@ -120,7 +123,7 @@ def derivative_by_value(family: Family, chart: Any, y: Array, evaluation: Any) -
         moved = chart.evaluate(family.of(beside), y[:-1], derivative=False, near=evaluation)
         return np.asarray((moved.residual - evaluation.residual) / (beside[-1] - value))
 
-    return 2.0 * slope(near) - slope(2.0 * near)
+    return 2.0 * slope(near) - slope(2.0 * near) if exact else slope(near)
 
 
 class _OnPlane:
@@ -230,7 +233,8 @@ def point_at(
     problem = family.of(y)
     evaluation = chart.evaluate(problem, y[:-1], near=near) if evaluation is None else evaluation
     scales = scales_of(family, chart, problem, evaluation) if scales is None else scales
-    by_value = derivative_by_value(family, chart, y, evaluation)
+    magnified = np.abs(evaluation.jacobian * scales[:-1]) / scales[:-1, None]
+    by_value = derivative_by_value(family, chart, y, evaluation, exact=bool(magnified.max(initial=0.0) > _MAGNIFIED))
     return Point(chart, y, problem, evaluation, scales, by_value, tangent_at(evaluation, by_value, scales, towards))
 
 
