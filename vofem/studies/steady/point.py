@@ -21,9 +21,9 @@ _STEPS = 8
 #: Factor by which the residual falls in a step at least where the derivative with respect to the parameter is good.
 _SLOW = 0.02
 
-#: Change of the parameter, as a share of it, below which it is held, and by how much an equation may give way to it.
-#: The second ones hold where the plane gives way: it may by a share of the step to it.
-_HELD, _LOST = (4e-15, 1e-11), (1e-10, 0.05)
+#: Change of the parameter, as a share of it, below which it is held, also where an orbit may lie beside its plane, and
+#: by how much an equation may give way to it.
+_HELD, _BESIDE, _LOST = 4e-15, 1e-11, 1e-10
 
 #: Growth of changes of the unknowns over an orbit above which directions need all digits of derivatives.
 _MAGNIFIED = 1e3
@@ -134,15 +134,11 @@ class _OnPlane:
 
     def __init__(
         self, family: Family, chart: Any, guess: Array, scales: Array, normal: Array, by_value: Array, near: Any,
-        loose: int | None,
+        loose: int | None, aside: float,
     ) -> None:  # fmt: skip
-        self.near, self.loose = near, loose
+        self.near, self.loose, self.aside = near, loose, max(aside, _LOST)
         self.family, self.chart, self.guess, self.scales, self.normal = family, chart, guess, scales, normal
         self.by_value = by_value
-        self._held, self._lost = _HELD[0], _LOST[0]
-        if loose == -1 and chart.lifted and near is not None:
-            step = float(np.linalg.norm((guess[:-1] - near.y) / scales[:-1]))
-            self._held, self._lost = _HELD[1], max(_LOST[0], _LOST[1] * step)
         self._before: Any = None
         self._moved, self._steps = np.zeros_like(guess), 0
 
@@ -174,11 +170,11 @@ class _OnPlane:
         back, along = direction(matrix, right).T * self.scales
         # Every change of the parameter rounds all phases anew, and stiff contacts magnify that. So the last steps hold
         # it; what it lacks is made up for by the equation that gives way.
-        held = self.loose is not None and abs(back[-1]) <= self._held * abs(y[-1])
+        held = self.loose is not None and abs(back[-1]) <= (_BESIDE if self.aside > _LOST else _HELD) * abs(y[-1])
         whole = (y[-1] - back[-1]) - y[-1]
         moved = 0.0 if held else whole
         lost = (moved + back[-1]) / along[-1] if along[-1] else np.inf
-        if abs(lost) <= self._lost:
+        if abs(lost) <= self.aside:
             back = back - lost * along
             back[-1] = -moved
         else:
@@ -201,6 +197,7 @@ def corrected(
     near: Any = None,
     known: Any = None,
     loose: int | None = -1,
+    aside: float = 0.0,
 ) -> tuple[Array, Any]:
     """Return an orbit near a guess, on the plane through it with a normal: `y` (n + 1,), and its evaluation.
 
@@ -213,10 +210,11 @@ def corrected(
     `near`: an evaluation near the guess, or `States`, for coordinates with segments; or `known`, that at the guess.
     `loose`: number of the equation that gives way to the rounding of the parameter; by default that of the plane.
     With None the parameter is not held.
+    `aside`: by how much it may give way in scaled coordinates, if that is more than rounding.
     Raises `ConvergenceError`.
     """
     normal = level(guess.size) if normal is None else normal
-    plane = _OnPlane(family, chart, guess, scales, normal, by_value, near, loose)
+    plane = _OnPlane(family, chart, guess, scales, normal, by_value, near, loose, aside)
     found = converged(plane.evaluate, guess, steps - 1, plane.step, scales, tolerance, known)
     now = found.evaluation
     # What only the correction needs is left behind.
