@@ -53,9 +53,6 @@ _RESTING = 1e-3
 #: Steps by which what sliders do in very short times is passed.
 _FARTHER = (1e-3, 1e-4, 1e-5)
 
-#: Share of a step by which its end may lie beside the plane where rounding of the parameter matters.
-_ASIDE = 0.05
-
 #: Distance in scaled coordinates within which a step may end at a grazing.
 _NEAR = 0.03
 
@@ -416,9 +413,7 @@ class Follower:
         bend = 0.0 if earlier is None else (slope - earlier[1][-1]) / earlier[2]
         held = held or (isinstance(now.chart, Signature) and steady(slope, slope + step * bend))
         normal = level(guess.size, np.copysign(1.0, slope)) if held else now.tangent
-        return corrected(
-            self.family, now.chart, guess, now.scales, normal, now.by_value, near=now.evaluation, aside=_ASIDE * step
-        )
+        return corrected(self.family, now.chart, guess, now.scales, normal, now.by_value, near=now.evaluation)
 
     def _accepted(self, now: Point, y: Array, evaluation: Any, step: float) -> Point | None:
         """Return a corrected point, or None where the branch has turned too far.

@@ -21,9 +21,8 @@ _STEPS = 8
 #: Factor by which the residual falls in a step at least where the derivative with respect to the parameter is good.
 _SLOW = 0.02
 
-#: Change of the parameter, as a share of it, below which it is held, also where an orbit may lie beside its plane, and
-#: by how much an equation may give way to it.
-_HELD, _BESIDE, _LOST = 4e-15, 1e-11, 1e-10
+#: Change of the parameter, as a share of it, below which it is held, and by how much an equation may give way to it.
+_HELD, _LOST = 4e-15, 1e-10
 
 #: Growth of changes of the unknowns over an orbit above which directions need all digits of derivatives.
 _MAGNIFIED = 1e3
@@ -134,9 +133,9 @@ class _OnPlane:
 
     def __init__(
         self, family: Family, chart: Any, guess: Array, scales: Array, normal: Array, by_value: Array, near: Any,
-        loose: int | None, aside: float,
+        loose: int | None,
     ) -> None:  # fmt: skip
-        self.near, self.loose, self.aside = near, loose, max(aside, _LOST)
+        self.near, self.loose = near, loose
         self.family, self.chart, self.guess, self.scales, self.normal = family, chart, guess, scales, normal
         self.by_value = by_value
         self._before: Any = None
@@ -170,15 +169,12 @@ class _OnPlane:
         back, along = direction(matrix, right).T * self.scales
         # Every change of the parameter rounds all phases anew, and stiff contacts magnify that. So the last steps hold
         # it; what it lacks is made up for by the equation that gives way.
-        held = self.loose is not None and abs(back[-1]) <= (_BESIDE if self.aside > _LOST else _HELD) * abs(y[-1])
-        whole = (y[-1] - back[-1]) - y[-1]
-        moved = 0.0 if held else whole
+        held = self.loose is not None and abs(back[-1]) <= _HELD * abs(y[-1])
+        moved = 0.0 if held else (y[-1] - back[-1]) - y[-1]
         lost = (moved + back[-1]) / along[-1] if along[-1] else np.inf
-        if abs(lost) <= self.aside:
+        if abs(lost) <= _LOST:
             back = back - lost * along
             back[-1] = -moved
-        else:
-            moved = whole
         self._before, self._moved, self._steps = now, -back, self._steps + 1
         # Columns do not tell of the parameter; where it moves, states follow from the segments themselves.
         self.near = now.after(self._moved[:-1]) if self.chart.lifted and moved == 0.0 else now
@@ -197,7 +193,6 @@ def corrected(
     near: Any = None,
     known: Any = None,
     loose: int | None = -1,
-    aside: float = 0.0,
 ) -> tuple[Array, Any]:
     """Return an orbit near a guess, on the plane through it with a normal: `y` (n + 1,), and its evaluation.
 
@@ -210,11 +205,10 @@ def corrected(
     `near`: an evaluation near the guess, or `States`, for coordinates with segments; or `known`, that at the guess.
     `loose`: number of the equation that gives way to the rounding of the parameter; by default that of the plane.
     With None the parameter is not held.
-    `aside`: by how much it may give way in scaled coordinates, if that is more than rounding.
     Raises `ConvergenceError`.
     """
     normal = level(guess.size) if normal is None else normal
-    plane = _OnPlane(family, chart, guess, scales, normal, by_value, near, loose, aside)
+    plane = _OnPlane(family, chart, guess, scales, normal, by_value, near, loose)
     found = converged(plane.evaluate, guess, steps - 1, plane.step, scales, tolerance, known)
     now = found.evaluation
     # What only the correction needs is left behind.

@@ -60,6 +60,9 @@ _SAME = 1e-5
 #: Factor by which an impact may be faster or slower than that in which a body comes to rest.
 _ALLOWED = 2.0
 
+#: An error that is rounding, whatever the orbit.
+_SOLVED = 1e-10
+
 #: Rounding of the unknowns, as a share of them, and signs with which it is tried.
 _DIGITS, _SIGNS = 1e-15, ((1.0, -1.0), (1.0, 1.0, -1.0), (-1.0, 1.0, 1.0, 1.0, -1.0))
 
@@ -102,8 +105,10 @@ class SignatureEvaluation:
     #: Sizes by which the equations of the switches were divided, shape (k,); derivatives do not tell how these change.
     divisors: Array
 
-    #: An error that may be rounding.
-    solved: ClassVar[float] = 1e-10
+    @property
+    def solved(self) -> float:
+        """An error that may be rounding; it is measured where that counts."""
+        return max(_SOLVED, self.rounding) if _SOLVED < self.error <= CLOSES else _SOLVED
 
     @property
     def states(self) -> Array:
