@@ -118,11 +118,16 @@ def derivative_by_value(family: Family, chart: Any, y: Array, evaluation: Any, *
     near = family.interval.beside(value) - value
 
     def slope(step: float) -> Array:
-        beside = np.append(y[:-1], value + step)
-        moved = chart.evaluate(family.of(beside), y[:-1], derivative=False, near=evaluation)
-        return np.asarray((moved.residual - evaluation.residual) / (beside[-1] - value))
+        moved = _moved(family, chart, y, evaluation, step)
+        return np.asarray((moved.residual - evaluation.residual) / step)
 
     return 2.0 * slope(near) - slope(2.0 * near) if exact else slope(near)
+
+
+def _moved(family: Family, chart: Any, y: Array, evaluation: Any, step: float) -> Any:
+    """Return the equations at another value of the parameter."""
+    beside = np.append(y[:-1], y[-1] + step)
+    return chart.evaluate(family.of(beside), y[:-1], derivative=False, near=evaluation)
 
 
 class _OnPlane:
@@ -138,6 +143,7 @@ class _OnPlane:
         self.near, self.loose = near, loose
         self.family, self.chart, self.guess, self.scales, self.normal = family, chart, guess, scales, normal
         self.by_value = by_value
+        self.by_states: Any = None
         self._before: Any = None
         self._moved, self._steps = np.zeros_like(guess), 0
 
@@ -158,7 +164,10 @@ class _OnPlane:
         """Return the step of Newton's method."""
         self.improve(now)
         if self._steps > 1 and self._moved[-1] != 0.0 and now.error > _SLOW * self._before.error:
-            self.by_value = derivative_by_value(self.family, self.chart, y, now)
+            step = self.family.interval.beside(float(y[-1])) - float(y[-1])
+            moved = _moved(self.family, self.chart, y, now, step)
+            self.by_value = (moved.residual - now.residual) / step
+            self.by_states = (moved.reached - now.reached) / step if self.chart.lifted else None
         matrix = np.empty((y.size, y.size))
         matrix[:-1, :-1] = now.jacobian * self.scales[:-1]
         matrix[:-1, -1] = self.by_value * self.scales[-1]
@@ -178,6 +187,9 @@ class _OnPlane:
         self._before, self._moved, self._steps = now, -back, self._steps + 1
         # Columns do not tell of the parameter; where it moves, states follow from the segments themselves.
         self.near = now.after(self._moved[:-1]) if self.chart.lifted and moved == 0.0 else now
+        if moved != 0.0 and self.by_states is not None:
+            near = now.after(self._moved[:-1])
+            self.near = near._replace(states=near.states + moved * self.by_states)
         return self._moved
 
 

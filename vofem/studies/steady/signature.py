@@ -60,9 +60,6 @@ _SAME = 1e-5
 #: Factor by which an impact may be faster or slower than that in which a body comes to rest.
 _ALLOWED = 2.0
 
-#: An error that is rounding, whatever the orbit.
-_SOLVED = 1e-10
-
 #: Rounding of the unknowns, as a share of them, and signs with which it is tried.
 _DIGITS, _SIGNS = 1e-15, ((1.0, -1.0), (1.0, 1.0, -1.0), (-1.0, 1.0, 1.0, 1.0, -1.0))
 
@@ -105,10 +102,8 @@ class SignatureEvaluation:
     #: Sizes by which the equations of the switches were divided, shape (k,); derivatives do not tell how these change.
     divisors: Array
 
-    @property
-    def solved(self) -> float:
-        """An error that may be rounding; it is measured where that counts."""
-        return max(_SOLVED, self.rounding) if _SOLVED < self.error <= CLOSES else _SOLVED
+    #: An error that may be rounding.
+    solved: ClassVar[float] = 1e-10
 
     @property
     def states(self) -> Array:
@@ -124,6 +119,13 @@ class SignatureEvaluation:
         begins = self.chart.begins(self.path, along)
         begins[0] = self.problem.modal(self.y[:n] + moved[:n])
         return States(self.y + moved, self.problem.unmodal(begins.T).T)
+
+    @property
+    def reached(self) -> Array:
+        """To first order the states in unknowns in which segments begin if they follow those before, (k + 1, 2n)."""
+        along = np.zeros(self.path.columns.shape[1])
+        along[-1:] = along.size != self.y.size
+        return self.problem.unmodal(self.chart.begins(self.path, along).T).T
 
     def stripped(self) -> SignatureEvaluation:
         """Return the evaluation without the columns of its segments, which take memory."""
