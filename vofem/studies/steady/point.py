@@ -114,26 +114,28 @@ def derivative_by_value(family: Family, chart: Any, y: Array, evaluation: Any, *
 
     `exact`: to second order. Stiff contacts magnify errors of the direction of a branch that it gives.
     """
+    moved, step = _beside(family, chart, y, evaluation)
+    slope = np.asarray((moved.residual - evaluation.residual) / step)
+    if not exact:
+        return slope
+    moved, step = _beside(family, chart, y, evaluation, 2.0)
+    return 2.0 * slope - (moved.residual - evaluation.residual) / step
+
+
+def _beside(family: Family, chart: Any, y: Array, evaluation: Any, times: float = 1.0) -> tuple[Any, float]:
+    """Return the equations at a value of the parameter beside, or some times as far away, and the step to it."""
     value = float(y[-1])
-    near = family.interval.beside(value) - value
-
-    def slope(step: float) -> Array:
-        moved = _moved(family, chart, y, evaluation, step)
-        return np.asarray((moved.residual - evaluation.residual) / step)
-
-    return 2.0 * slope(near) - slope(2.0 * near) if exact else slope(near)
-
-
-def _moved(family: Family, chart: Any, y: Array, evaluation: Any, step: float) -> Any:
-    """Return the equations at another value of the parameter."""
-    beside = np.append(y[:-1], y[-1] + step)
-    return chart.evaluate(family.of(beside), y[:-1], derivative=False, near=evaluation)
+    beside = value + times * (family.interval.beside(value) - value)
+    moved = chart.evaluate(family.of(np.append(y[:-1], beside)), y[:-1], derivative=False, near=evaluation)
+    return moved, beside - value
 
 
 class _OnPlane:
     """The equations of a branch on a plane through a guess.
 
     The derivative with respect to the parameter is improved by every step. `corrected` tells of the attributes.
+    Where steps are slow, those of the states in which segments begin, (k + 1, 2n), are computed too. Otherwise a change
+    of the parameter by rounding would grow from one segment to the next.
     """
 
     def __init__(
@@ -164,10 +166,9 @@ class _OnPlane:
         """Return the step of Newton's method."""
         self.improve(now)
         if self._steps > 1 and self._moved[-1] != 0.0 and now.error > _SLOW * self._before.error:
-            step = self.family.interval.beside(float(y[-1])) - float(y[-1])
-            moved = _moved(self.family, self.chart, y, now, step)
-            self.by_value = (moved.residual - now.residual) / step
-            self.by_states = (moved.reached - now.reached) / step if self.chart.lifted else None
+            beside, step = _beside(self.family, self.chart, y, now)
+            self.by_value = (beside.residual - now.residual) / step
+            self.by_states = (beside.reached - now.reached) / step if self.chart.lifted else None
         matrix = np.empty((y.size, y.size))
         matrix[:-1, :-1] = now.jacobian * self.scales[:-1]
         matrix[:-1, -1] = self.by_value * self.scales[-1]
@@ -185,11 +186,12 @@ class _OnPlane:
             back = back - lost * along
             back[-1] = -moved
         self._before, self._moved, self._steps = now, -back, self._steps + 1
-        # Columns do not tell of the parameter; where it moves, states follow from the segments themselves.
-        self.near = now.after(self._moved[:-1]) if self.chart.lifted and moved == 0.0 else now
-        if moved != 0.0 and self.by_states is not None:
-            near = now.after(self._moved[:-1])
-            self.near = near._replace(states=near.states + moved * self.by_states)
+        # Columns do not tell of the parameter. Where it moves, states follow from the segments themselves, as long as
+        # no more is known.
+        self.near = now
+        if self.chart.lifted and (moved == 0.0 or self.by_states is not None):
+            after = now.after(self._moved[:-1])
+            self.near = after if moved == 0.0 else after._replace(states=after.states + moved * self.by_states)
         return self._moved
 
 

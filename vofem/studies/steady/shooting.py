@@ -221,9 +221,14 @@ class Shooting(OrbitProblem):
     # -- equations ------------------------------------------------------------------------------------
 
     def run(
-        self, unknowns: Array, phase: float = 0.0, status: Sequence[int] | None = None, length: float | None = None, *,
+        self,
+        unknowns: Array,
+        phase: float = 0.0,
+        status: Sequence[int] | None = None,
+        length: float | None = None,
+        *,
         check: bool = False,
-    ) -> Flow:  # fmt: skip
+    ) -> Flow:
         """Return the flow over an orbit from a state at a phase of the loads in rad, counted; see `Work.checks`.
 
         `status`: of the contacts there; by default it follows from the state.

@@ -124,7 +124,9 @@ class SignatureEvaluation:
     def reached(self) -> Array:
         """To first order the states in unknowns in which segments begin if they follow those before, (k + 1, 2n)."""
         along = np.zeros(self.path.columns.shape[1])
-        along[-1:] = along.size != self.y.size
+        if along.size != self.y.size:
+            # The last column tells what segments miss.
+            along[-1:] = 1.0
         return self.problem.unmodal(self.chart.begins(self.path, along).T).T
 
     def stripped(self) -> SignatureEvaluation:
