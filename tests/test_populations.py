@@ -116,6 +116,21 @@ def test_a_lost_branch_tells_what_its_contacts_do():
     assert "guess=" in found.reason
 
 
+def test_stiff_stops_do_not_bend_the_direction_of_a_branch():
+    """Two stops magnify errors of the derivative by the parameter, which gives the direction, by a factor of 6e6."""
+    case = drawn(2199)
+    known = {
+        "m0": (-0.06850376305727592, -0.01572870348570862), "m1": (-0.08352292067471451, -0.016715514009340588),
+        "m2": (-0.1089976733698062, -0.026633096034410608), "m3": (-0.10781146654362485, -0.03687772978568574),
+        "m4": (-0.10380219578557094, -0.045212692212214974),
+    }  # fmt: skip
+    guess = SimpleNamespace(state_of=lambda name: tuple(np.array([part]) for part in known[name]))
+    branch = vf.continuation(case.build, 0.22618351218760765, case.start, guess=guess, max_points=60)
+    assert branch.values[-1] == branch.values[0]
+    assert [one.kind for one in branch.special] == ["fold", "grazing", "grazing"]
+    assert branch.special[0].value == pytest.approx(0.226135437811, rel=1e-10)
+
+
 def test_rounding_of_very_unstable_orbits_does_not_end_a_branch():
     """A beam hits a stiff stop seven times; the last digit of its state becomes a billionth of the motion."""
     case, value = drawn(346), 209.98456209320167

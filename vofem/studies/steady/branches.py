@@ -123,7 +123,7 @@ def continuation(
     walker = Follower(family, largest=max_step, most=max_points, seconds=max_seconds)
     walker.notes += [*notes, *undamped(problem.scene.model.system)]
     try:
-        walker.follow(walker.begin(found.unknowns, start), progress=progress)
+        walker.follow(walker.begin(found.unknowns, start, found.evaluation), progress=progress)
     except Exception as error:
         # Mostly of `build`, at one of many values.
         if len(walker.points) > 1:

@@ -24,7 +24,7 @@ from vofem.studies.steady.point import ORIGIN, Point, corrected, level, point_at
 from vofem.studies.steady.problem import OutOfTime
 from vofem.studies.steady.reasons import what_contacts_do
 from vofem.studies.steady.shooting import CLOSES, Shooting, relative
-from vofem.studies.steady.signature import Signature, signature_of
+from vofem.studies.steady.signature import Signature, SignatureEvaluation, signature_of
 from vofem.studies.steady.special import SpecialPoint, special_at
 
 #: First, largest and least step in scaled coordinates.
@@ -138,16 +138,20 @@ class Follower:
         """Return the special points of a step except grazings; `earlier` is the step before it in the same touches."""
         return [] if self._leaving_another else crossings(self.family, step, earlier, self.notes)
 
-    def begin(self, unknowns: Array, value: float) -> Point:
-        """Return the first point, heading for the far end of the interval."""
+    def begin(self, unknowns: Array, value: float, known: Any = None) -> Point:
+        """Return the first point, heading for the far end of the interval.
+
+        `known`: the evaluation of an orbit with these unknowns, whose signature need not be searched again.
+        """
         problem = self.family.at(value)
-        chart, y = charted(problem, unknowns)
+        segmented = isinstance(known, SignatureEvaluation)
+        chart, y = (known.chart, known.y) if segmented else charted(problem, unknowns)
         y = np.append(y, value)
         towards = level(y.size, self.family.interval.way)
-        evaluation = chart.evaluate(problem, y[:-1])
+        evaluation = chart.evaluate(problem, y[:-1], near=known)
         scales = scales_of(self.family, chart, problem, evaluation)
-        y, evaluation = corrected(self.family, chart, y, scales, towards, np.zeros(y.size - 1))
-        return point_at(self.family, chart, y, towards, evaluation)
+        y, evaluation = corrected(self.family, chart, y, scales, towards, np.zeros(y.size - 1), near=known)
+        return self._recentred(point_at(self.family, chart, y, towards, evaluation))
 
     # -- the walk -------------------------------------------------------------------------------------
 

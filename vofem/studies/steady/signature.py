@@ -63,8 +63,8 @@ _ALLOWED = 2.0
 #: Rounding of the unknowns, as a share of them, and signs with which it is tried.
 _DIGITS, _SIGNS = 1e-15, ((1.0, -1.0), (1.0, 1.0, -1.0), (-1.0, 1.0, 1.0, 1.0, -1.0))
 
-#: What one run may miss by rounding, over the size of the motion, and parts of an orbit that are run where it misses
-#: more.
+#: What a run may miss by rounding, over the size of the motion, where a branch is followed: what lies beyond depends on
+#: chance. Parts of an orbit that are run where a whole run misses something.
 _TOLD, _PARTS = 1e-6, 8
 
 #: Length in rad of a touch that may be lost in rounding.
@@ -241,9 +241,9 @@ class SignatureEvaluation:
         much in one run, runs over parts of the orbit tell.
         """
         follows, away = self._ran
-        return (
-            (follows and away <= CLOSES) or self._repeats_in(1) or (self.rounding > CLOSES and self._repeats_in(_PARTS))
-        )
+        if (follows and away <= CLOSES) or self._repeats_in(1):
+            return True
+        return CLOSES < self.rounding < _TOLD and self._repeats_in(_PARTS)
 
     def _repeats_in(self, parts: int) -> bool:
         """Return whether runs over parts of the orbit take the same switches and end where the next ones begin.

@@ -283,7 +283,7 @@ def _raised(problem: Any) -> tuple[Solved, str]:
             continue
         if share == 1.0:
             return found, "the linear response"
-        begun = found.unknowns, share
+        begun = found.unknowns, share, found.evaluation
         # Where contacts switch there may be several orbits; the linear response is alone.
         if method != "shooting" or not found.evaluation.chart.switches:
             break
