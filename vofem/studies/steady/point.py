@@ -239,8 +239,8 @@ def point_at(
     problem = family.of(y)
     evaluation = chart.evaluate(problem, y[:-1], near=near) if evaluation is None else evaluation
     scales = scales_of(family, chart, problem, evaluation) if scales is None else scales
-    magnified = np.abs(evaluation.jacobian * scales[:-1]) / scales[:-1, None]
-    by_value = derivative_by_value(family, chart, y, evaluation, exact=bool(magnified.max(initial=0.0) > _MAGNIFIED))
+    exact = chart.segmented and np.any(np.abs(evaluation.jacobian * scales[:-1]) > _MAGNIFIED * scales[:-1, None])
+    by_value = derivative_by_value(family, chart, y, evaluation, exact=bool(exact))
     return Point(chart, y, problem, evaluation, scales, by_value, tangent_at(evaluation, by_value, scales, towards))
 
 
