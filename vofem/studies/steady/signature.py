@@ -63,8 +63,8 @@ _ALLOWED = 2.0
 #: Rounding of the unknowns, as a share of them, and signs with which it is tried.
 _DIGITS, _SIGNS = 1e-15, ((1.0, -1.0), (1.0, 1.0, -1.0), (-1.0, 1.0, 1.0, 1.0, -1.0))
 
-#: What a run may miss by rounding, over the size of the motion, where a branch is followed: what lies beyond depends on
-#: chance. Parts of an orbit that are run where a whole run misses something.
+#: A branch is followed through orbits of which a run misses so much by rounding: where it misses more, chance decides.
+#: Parts of an orbit that are run where a whole run misses something.
 _TOLD, _PARTS = 1e-6, 8
 
 #: Length in rad of a touch that may be lost in rounding.
@@ -243,7 +243,7 @@ class SignatureEvaluation:
         follows, away = self._ran
         if (follows and away <= CLOSES) or self._repeats_in(1):
             return True
-        return CLOSES < self.rounding < _TOLD and self._repeats_in(_PARTS)
+        return away <= _TOLD and self.rounding > CLOSES and self._repeats_in(_PARTS)
 
     def _repeats_in(self, parts: int) -> bool:
         """Return whether runs over parts of the orbit take the same switches and end where the next ones begin.
