@@ -150,7 +150,7 @@ class Follower:
         towards = level(y.size, self.family.interval.way)
         evaluation = chart.evaluate(problem, y[:-1], near=known)
         scales = scales_of(self.family, chart, problem, evaluation)
-        y, evaluation = corrected(self.family, chart, y, scales, towards, np.zeros(y.size - 1), near=known)
+        y, evaluation = corrected(self.family, chart, y, scales, towards, np.zeros(y.size - 1), known=evaluation)
         return self._recentred(point_at(self.family, chart, y, towards, evaluation))
 
     # -- the walk -------------------------------------------------------------------------------------
