@@ -4,7 +4,9 @@
 the reference data.
 """
 
+import itertools
 import json
+import re
 import shutil
 from decimal import Decimal
 from pathlib import Path
@@ -17,6 +19,7 @@ from scenes import DATA, between_stops, on_stop
 from scipy.integrate import solve_ivp
 
 import vofem as vf
+from vofem.studies.steady.follow import Follower
 
 KINDS = {"pd": "period_doubling", "graze": "grazing", "fold": "fold", "ns": "neimark_sacker"}
 
@@ -525,6 +528,20 @@ def test_a_branch_that_leaves_through_its_own_start():
     assert fold.value == pytest.approx(0.755627352609, abs=1e-11)
     (note,) = [note for note in branch.notes if "own start" in note]
     assert f"{fold.value:.12g}" in note
+
+
+def test_a_walk_that_comes_back_along_its_own_orbits_is_told(monkeypatch):
+    """No branch does so. Here one direction is reversed, as by a step to another part of the branch."""
+    accepted, steps = Follower._accepted, itertools.count()
+
+    def reversed_once(self, *given):
+        after = accepted(self, *given)
+        return after.turned() if next(steps) == 6 else after
+
+    monkeypatch.setattr(Follower, "_accepted", reversed_once)
+    branch = vf.continuation(nlvib_03, 0.62, 0.74)
+    assert branch.values[-1] == branch.values[0] == 0.62
+    assert re.search(r"turned round near 0\.6\d+ and came back along its own orbits, .* max_step=", branch.notes[-1])
 
 
 if __name__ == "__main__":

@@ -62,6 +62,9 @@ _MAGNIFIES = 1e13
 #: Share of its largest motion at which a branch ends: where nothing moves, no size tells orbits from each other.
 _VANISHED = 1e-9
 
+#: Difference of an orbit from the first one at the same value, as a share of it, up to which it is that.
+_SAME = 1e-6
+
 #: Factors by which a step may change.
 _SHRINK, _GROW = 0.4, 2.0
 
@@ -175,6 +178,7 @@ class Follower:
                 now = self.points[-1]
                 told = f"the limit of {self.seconds:g} s was reached at {now.value:.9g}; raise max_seconds to go on"
                 self._stopped(now, told)
+        self._count("flows")
         self.special.sort(key=lambda mark: mark.place)
         self.counters.points, self.counters.check_flows = len(self.points), self.family.work.checks
         self.counters.eigensolves = self.family.work.runs.eigensolves
@@ -267,13 +271,10 @@ class Follower:
         if passed is not None:
             return self._passed(now, passed, step)
         angle = float(np.arccos(np.clip(now.tangent @ after.tangent, -1.0, 1.0)))
-        told = len(self.notes)
-        special = self._on(Step(now, after))
-        if len(self.notes) > told and step > _NEAR_OTHERS:
-            # Where branches come near to each other a shorter step tells which of them is this one.
-            del self.notes[told:]
+        special = self._found(Step(now, after), step)
+        if special is None:
             return None
-        self._take(Step(now, after), special=special)
+        self._take(after, Step(now, after), special)
         if end is not None and not self._over:
             self._ended(end)
         if self._over or self._closed(now, after):
@@ -332,7 +333,8 @@ class Follower:
     def _before(now: Point, passed: Passage) -> tuple[float, bool]:
         """Return how far ahead a change of the signature lies, and whether the branch turns too far up to there."""
         left = float(np.linalg.norm((passed.before.y - now.y) / now.scales))
-        return left, left > _SHORT and bool(now.tangent @ passed.before.tangent < _REFUSED)
+        turned = now.tangent @ passed.before.tangent < _REFUSED
+        return left, left > _SHORT and bool(turned or _elsewhere(now, passed.before))
 
     def _passed(self, now: Point, passed: Passage, step: float) -> tuple[Point, float] | None:
         """Continue beyond a change of the signature."""
@@ -340,7 +342,11 @@ class Follower:
         if self.family.interval.left(last.value):
             return None
         if np.any(last.y != now.y):
-            self._take(Step(now, last))
+            left = self._before(now, passed)[0]
+            special = self._found(Step(now, last), left if step > 0.5 * left else 0.0)
+            if special is None:
+                return now, 0.5 * left
+            self._take(last, Step(now, last), special)
             if self._over or self._closed(now, last):
                 return last, step
         laws = last.problem.system.contacts
@@ -362,7 +368,7 @@ class Follower:
         smooth = not (laws.jumps.any() or laws.rigid.any() or last.problem.given.sliders)
         if smooth and isinstance(last.chart, Signature):
             self.notes += hidden_beside(passed.at, last, passed.after)
-        self._take(None, passed.after)
+        self._take(passed.after)
         return self._recentred(passed.after, least=0.0), min(FIRST, self.largest)
 
     def _recentred(self, now: Point, least: float = np.inf) -> Point:
@@ -436,41 +442,35 @@ class Follower:
         if after is None or after.tangent @ towards < refused:
             self._why = " (the branch turns too far in one step)"
             return None
-        if now.chart.segmented and step > _LEAST_SHARE * self.largest:
-            # Along one branch the way between two neighbours has the mean of their directions.
-            mean = now.tangent + after.tangent * scales / now.scales
-            if np.linalg.norm(secant / np.linalg.norm(secant) - mean / np.linalg.norm(mean)) > _APART:
-                self._why = " (the step led to another branch)"
-                return None
+        if now.chart.segmented and step > _LEAST_SHARE * self.largest and _elsewhere(now, after):
+            self._why = " (the step led to another branch)"
+            return None
         return after
 
-    def _on(self, step: Step) -> list[SpecialPoint]:
-        """Return the special points of the step from the last point."""
+    def _found(self, step: Step, length: float) -> list[SpecialPoint] | None:
+        """Return the special points of the step from the last point; None where a length is too long to find all."""
+        told = len(self.notes)
         self._count("flows")
         found = self.located(step, self.steps[-1] if len(self.points) - 1 > self._begun else None)
         self._count("refinement_flows")
+        if len(self.notes) > told and length > _NEAR_OTHERS:
+            # Where branches come near to each other a shorter step tells which of them is this one.
+            del self.notes[told:]
+            return None
         return found
 
-    def _take(
-        self, step: Step | None, point: Point | None = None, special: Sequence[SpecialPoint] | None = None
-    ) -> None:
-        """Add a point to the branch, and the special points on the way to it, where they are not given."""
-        after = point if step is None else step.last
-        assert after is not None
-        self._count("flows")
+    def _take(self, after: Point, step: Step | None = None, special: Sequence[SpecialPoint] = ()) -> None:
+        """Add a point to the branch, and the special points of the step to it."""
         base = len(self.points) - 1
-        if step is not None:
-            for mark in self._on(step) if special is None else special:
-                self._mark(mark, base)
-                if self._over:
-                    break
-            if self._leaving_another:
-                # The special point at which the branch begins is near its first step.
-                self._begun, self._leaving_another = base + 1, False
-            self._count("refinement_flows")
-        if not self._over:
-            self.points.append(after)
-            self.steps.append(step)
+        for mark in special:
+            self._mark(mark, base)
+            if self._over:
+                return
+        if step is not None and self._leaving_another:
+            # The special point at which the branch begins is near its first step.
+            self._begun, self._leaving_another = base + 1, False
+        self.points.append(after)
+        self.steps.append(step)
 
     def _mark(self, special: SpecialPoint, base: int) -> None:
         """Add a special point. A branch over several periods ends where its orbits repeat earlier."""
@@ -545,12 +545,21 @@ class Follower:
         """Let the branch be over at an end of the interval."""
         self._over = True
         values = [point.value for point in (*self.points, *(mark.point for mark in self.special))]
-        if end == self.family.interval.start and len(values) > 1:
-            farthest = max(values, key=lambda value: abs(value - end))
+        if end != self.family.interval.start or len(values) < 2:
+            return
+        farthest = max(values, key=lambda value: abs(value - end))
+        one, other = self.points[0].unknowns(), self.points[-1].unknowns()
+        if np.linalg.norm(other - one) > _SAME * np.linalg.norm(one):
             self.notes.append(
                 f"the {self.noun} turned near {farthest:.12g} and left the interval through its own start, at "
                 f"{end:.12g}"
             )
+            return
+        self.notes.append(
+            f"the walk turned round near {farthest:.12g} and came back along its own orbits, so that the {self.noun} "
+            "and its special points are listed twice, and what comes beyond is missing. A step led from a part of the "
+            f"{self.noun} to another one close to it; follow it with a smaller max_step="
+        )
 
 
 class Quiet(Follower):
@@ -559,6 +568,13 @@ class Quiet(Follower):
     def located(self, step: Step, earlier: Step | None) -> list[SpecialPoint]:
         """Return nothing."""
         return []
+
+
+def _elsewhere(now: Point, after: Point) -> bool:
+    """Return whether the way to a neighbour has not the mean of the directions at both, as along one branch."""
+    way = (after.y - now.y) / now.scales
+    mean = now.tangent + after.tangent * after.scales / now.scales
+    return bool(np.linalg.norm(way / np.linalg.norm(way) - mean / np.linalg.norm(mean)) > _APART)
 
 
 def charted(problem: Any, unknowns: Array) -> tuple[Any, Array]:

@@ -219,19 +219,15 @@ class _Walk(Follower):
             found.append(special_at(name, *at))
         return sorted(found, key=lambda one: one.place)
 
-    def _take(
-        self, step: Step | None, point: Point | None = None, special: Sequence[SpecialPoint] | None = None
-    ) -> None:
+    def _take(self, after: Point, step: Step | None = None, special: Sequence[SpecialPoint] = ()) -> None:
         """Add a point, unless it is none of a locus of its kind."""
-        after = point if step is None else step.last
-        assert after is not None
         first = self.points[0]
         if isinstance(after.problem, Shooting) and after.problem.loads.omega < _SLOWEST * first.problem.loads.omega:
             self._end(after, "where the period of the loads grows without bound")
         elif after.chart.kind == "branch_point" and abs(after.y[-3]) > _UNFOLDED:
             self._end(after, "where branches no longer meet, as in scenes that are not symmetric")
         else:
-            super()._take(step, point, special)
+            super()._take(after, step, special)
 
     def _recentred(self, now: Point, least: float = np.inf) -> Point:
         """Return a point with its anchor away from all switches, and with borders that are near its null vectors."""
