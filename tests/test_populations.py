@@ -197,6 +197,24 @@ def test_ripples_of_a_stiff_stop_do_not_hide_touches(stop):
     assert [s.value for s in branch.special] == pytest.approx(expected, abs=1e-8)
 
 
+@pytest.mark.parametrize("ends", [(1101.55, 1101.72), (1101.72, 1101.55)])
+def test_special_points_beside_touches_that_turn_into_a_rest(ends):
+    """Where a contact begins to rest at its gap no orbit repeats; the next one beyond is found on both sides.
+
+    A longer step over this place would miss a touch that begins 1e-3 rad/s beyond, and its period doubling.
+    """
+    branch = vf.continuation(drawn(2451).build, *ends)
+    found = sorted((s.value, s.kind) for s in branch.special)
+    assert branch.values[-1] == ends[1]
+    assert [kind for _, kind in found] == ["grazing", "period_doubling"] * 2
+    expected = [1101.5875454096, 1101.5878778365, 1101.6675031546, 1101.6676130866]
+    assert [value for value, _ in found] == pytest.approx(expected, abs=1e-8)
+    (note,) = [note for note in branch.notes if "turn into a rest" in note]
+    first, last, widest = map(float, re.search(r"between (\S+) and (\S+) .* of at most (\S+)\. No", note).groups())
+    assert 1101.58 < first < last < 1101.68
+    assert 0.0 < widest < 0.01
+
+
 def test_a_step_from_a_grazing_does_not_find_it_again():
     """The contact leaves its gap and comes back within the step; from the grazing the branch would go back."""
     case = drawn(89)

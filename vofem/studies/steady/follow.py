@@ -47,8 +47,9 @@ REPORTED = "the value reached and stop"
 #: Step above which one whose special points are not all found is shortened.
 _NEAR_OTHERS = 1e-3
 
-#: Longest step in which touches may turn into a rest.
-_RESTING = 1e-3
+#: Longest step, but for the parameter, in which touches may turn into a rest, and how many are tried to find the
+#: shortest one.
+_RESTING, _NEARER = 1e-3, 7
 
 #: Steps by which what sliders do in very short times is passed.
 _FARTHER = (1e-3, 1e-4, 1e-5)
@@ -115,6 +116,8 @@ class Follower:
     _why: str = field(default="", init=False)
     #: Where impacts were told to become infinitely many.
     _accumulated: float = field(default=np.inf, init=False)
+    #: Begins and ends of steps in which touches turn into a rest, or a rest into touches.
+    _rests: list[float] = field(default_factory=list, init=False)
     #: The point from which the end of touches was looked for last, and what was found.
     _ahead: tuple[Point | None, Passage | None] = field(default=(None, None), init=False)
 
@@ -179,6 +182,15 @@ class Follower:
                 told = f"the limit of {self.seconds:g} s was reached at {now.value:.9g}; raise max_seconds to go on"
                 self._stopped(now, told)
         self._count("flows")
+        if self._rests:
+            widest, count = np.abs(np.diff(self._rests)[::2]).max(), len(self._rests) // 2
+            several = f"{count} steps" if count > 1 else "a step"
+            self.notes.insert(
+                0,
+                f"between {min(self._rests):.9g} and {max(self._rests):.9g} touches turn into a rest at the gap, or a "
+                f"rest into touches, in {several} of at most {widest:.1g}. No orbit there repeats to {CLOSES:g} of the "
+                "motion, and special points inside are not listed",
+            )
         self.special.sort(key=lambda mark: mark.place)
         self.counters.points, self.counters.check_flows = len(self.points), self.family.work.checks
         self.counters.eigensolves = self.family.work.runs.eigensolves
@@ -256,7 +268,7 @@ class Follower:
             y, evaluation = self._corrected(now, guess, step, end is not None)
             after = self._accepted(now, y, evaluation, step)
             if after is None or (end is not None and after.tangent[-1] * (end - now.value) < 0.0):
-                return self._ending(now, step)
+                return self._ending(now, step) if step <= _SHORT else None
             passed = None
             if chart.segmented:
                 passed = passage(self.family, now, after)
@@ -291,7 +303,8 @@ class Follower:
             with contextlib.suppress(ConvergenceError, np.linalg.LinAlgError):
                 self._ahead = now, ending(self.family, now)
         passed = self._ahead[1]
-        if passed is None and step <= _RESTING:
+        rests = passed is None and step * np.linalg.norm(now.tangent[:-1]) <= _RESTING
+        if rests:
             passed = self._resting(now, step)
         if passed is None or self.family.interval.left(passed.at.value):
             return None
@@ -307,13 +320,26 @@ class Follower:
                 f"near {passed.at.value:.9g} impacts on {names} become infinitely many, and on one side bodies bounce "
                 "until they rest. Special points accumulate there, and the nearest ones are not listed"
             )
+        elif rests and not changed:
+            self._rests += [now.value, passed.at.value]
         return self._passed(now, passed, step)
 
     def _resting(self, now: Point, step: float, *, stick: bool = False) -> Passage | None:
-        """Return the orbit a step ahead with the switches of an ordinary run, if there is one; see `resting`."""
-        with contextlib.suppress(ConvergenceError, np.linalg.LinAlgError):
-            return resting(self.family, now, now.y + step * now.tangent * now.scales, stick=stick)
-        return None
+        """Return the nearest orbit up to a step ahead with the switches of an ordinary run, if there is one there.
+
+        See `resting`. What lies between is not examined.
+        """
+        found, low, at = None, 0.0, step
+        for _ in range(_NEARER):
+            nearer = None
+            with contextlib.suppress(ConvergenceError, np.linalg.LinAlgError):
+                nearer = resting(self.family, now, now.y + at * now.tangent * now.scales, stick=stick)
+            found = nearer or found
+            if found is None:
+                return None
+            low, step = (at, step) if nearer is None else (low, at)
+            at = 0.5 * (low + step)
+        return found
 
     def _farther(self, now: Point) -> tuple[Point, float] | None:
         """Return the next orbit whose sliders switch as in an ordinary run, where they do so in very short times."""
