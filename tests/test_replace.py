@@ -1,12 +1,14 @@
 """Scenes that differ in numbers: what is replaced, and what is not computed again."""
 
 import inspect
+import pickle
 
 import numpy as np
 import pytest
 from scenes import cantilever, on_stop, paper_beam
 
 import vofem as vf
+from vofem.assembly import SystemBuilder
 
 
 def fresh(**changes):
@@ -116,3 +118,29 @@ def test_scenes_share_through_one_that_never_runs():
     _, base = on_stop(vf.Mass(1.0, 1.0, name="mass"), gap=0.1, stiffness=8.0, load=vf.Sine(1.0, 0.5))
     solved = [vf.simulate(base.replace("stop", gap=gap), 5.0).counters.eigensolves for gap in (0.1, 0.2, 0.3)]
     assert solved == [1, 0, 0]
+
+
+def test_a_replaced_scene_is_assembled_when_it_runs():
+    """A branch asks for many scenes that never run, and a loop may replace one thing after another."""
+    scene = other = fresh()
+    for gap in np.linspace(0.01, 0.02, 2000):
+        other = other.replace("stop", gap=gap)
+    assert not scene.assembled
+    assert not other.assembled
+    run = vf.simulate(pickle.loads(pickle.dumps(other)), 1.0)
+    found = vf.simulate(other, 1.0)
+    assert np.array_equal(found.samples.q, run.samples.q)
+    assert found.counters.eigensolves == 1
+    assert vf.simulate(scene, 1.0).counters.eigensolves == 0
+
+
+def test_scenes_of_a_locus_are_not_assembled_anew(monkeypatch):
+    """They differ in functions of time alone, whichever way the function makes them."""
+    scene, compiled = on_stop(vf.Mass(1.0, 1.0, name="mass"), gap=0.5, stiffness=8.0, load=vf.Sine(0.1, 0.5))[1], []
+    load, original = scene.effects[-1], SystemBuilder.build
+    scene = vf.Scene(scene.bodies, [*scene.effects, vf.ModalDamping(0.05)])
+    monkeypatch.setattr(SystemBuilder, "build", lambda self: compiled.append(self) or original(self))
+    branch = vf.continuation(lambda w: scene.replace(load, f=vf.Sine(0.1, w)), 0.8, 1.1)
+    (grazing, *_) = branch.special
+    vf.locus(lambda w, a: scene.replace(load, f=vf.Sine(a, w)), grazing, 0.1, 0.11)
+    assert len(compiled) <= 4

@@ -19,7 +19,7 @@ from vofem.initial import Initial, StateSource
 from vofem.locks import Lock
 from vofem.parameters import changed
 from vofem.sharing import share_with_recent
-from vofem.system import State
+from vofem.system import State, System
 
 #: Threads that run one scene compile it once. A scene holds no lock of its own, so that it can be copied and pickled.
 _COMPILING = Lock()
@@ -63,6 +63,8 @@ class Scene(Shown):
         self.bodies: tuple[Body, ...] = _as_tuple("bodies", bodies)
         self.effects: tuple[Effect, ...] = _as_tuple("effects", effects)
         self._model: Model | None = None
+        #: A scene with which this one shares what is equal.
+        self._like: Scene | None = None
         self._check(initial)
 
     def __repr__(self) -> str:
@@ -152,8 +154,13 @@ class Scene(Shown):
     def model(self) -> Model:
         """The assembled scene. It is assembled once, when it is first needed."""
         if self._model is None:
+            earlier = None
+            # Where the other scene cannot be assembled, for example because of what was replaced, it shares nothing.
+            with contextlib.suppress(VofemError):
+                earlier = None if self._like is None else self._like.model.system
             with _COMPILING:
-                self._model = self._model or self._compiled()
+                self._model = self._model or self._compiled(earlier)
+            self._like = None
         return self._model
 
     @property
@@ -161,18 +168,23 @@ class Scene(Shown):
         """Whether the scene has been assembled already."""
         return self._model is not None
 
-    def _compiled(self) -> Model:
+    def _compiled(self, earlier: System | None) -> Model:
         builder = SystemBuilder(self.bodies, self._bases)
         for effect in self.effects:
             effect.compile(builder)
         model = builder.build()
         share_with_recent(model.system)
+        if earlier is not None:
+            model.system.share_what_is_equal(earlier)
         return model
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_like": None}
 
     def compiled_as(self, model: Model) -> Scene:
         """Return the same scene with a given model in place of its own."""
         same = copy.copy(self)
-        same._model = model
+        same._model, same._like = model, None
         return same
 
     def replace(self, effect: Any, other: Any = None, /, **changes: Any) -> Scene:
@@ -220,10 +232,8 @@ class Scene(Shown):
         scene = copy.copy(self)
         scene.__init__(self.bodies, effects)  # type: ignore[misc]
         scene._initial = self._initial
-        # This scene is assembled even if it never runs, because the scenes of a sweep share through it. Where it cannot
-        # be assembled, for example because of the effect that is replaced, there is nothing to share.
-        with contextlib.suppress(VofemError):
-            scene.model.system.share_what_is_equal(self.model.system)
+        # A chain of scenes that were never assembled would not end.
+        scene._like = self if self.assembled or self._like is None else self._like
         return scene
 
     @property
