@@ -68,14 +68,15 @@ _AT_BEGIN = 1e-6
 _MOST = 8
 
 #: How many orbits inside a step are looked at where a change may hide.
-_LOOKS = 6
+_LOOKS = 4
 
 #: Distance of an extreme from its gap over the size of the motion, in terms of the step, up to which it may reach the
 #: gap inside the step; and a value inside, as a share of the smaller one at the ends, that leaves no doubt.
 _REACH, _CLEAR = 0.1, 0.2
 
-#: By how much farther than where an extreme vanishes an orbit is looked at.
-_FARTHER = 0.1
+#: Distance up to which an extreme may have come past a switch, and by how much farther than where one vanishes an
+#: orbit is looked at.
+_BESIDE_GAP, _FARTHER = 1e-6, 0.1
 
 #: Distance in scaled coordinates of orbits that rest at a gap after different numbers of touches, and least cosine of
 #: the angle between their branches.
@@ -179,9 +180,11 @@ def _lowest(family: Family, now: Point, after: Point) -> float | None:
     reached = reached[(reached > 0.0) & (reached < 1.0)]
     if reached.size:
         return float(reached.min())
+    # One close to its gap, which moves towards it, may have come past a switch.
+    halfway = 0.5 if np.any((heights > -_BESIDE_GAP) & (rates * [[1.0], [-1.0]] < 0.0) & ~whole) else None
     known += list(map(tuple, np.concatenate([-heights, rates])[:, whole].T))
     if not known:
-        return None
+        return halfway
     v0, v1, s0, s1 = np.array(known).T
     # Where the derivative ``s0 + 2 b x + a x^2`` of the cubic vanishes.
     a, b = 3.0 * (s0 + s1 - 2.0 * (v1 - v0)), 3.0 * (v1 - v0) - 2.0 * s0 - s1
@@ -193,7 +196,7 @@ def _lowest(family: Family, now: Point, after: Point) -> float | None:
     # What is zero at the second neighbour, where a touch ends, may have been negative before.
     low[(x == 0.0) | (v0 <= AT_ONCE)] = np.inf
     worst = np.unravel_index(low.argmin(), low.shape)
-    return float(x[worst]) if low[worst] < (-AT_ONCE if v1[worst[1]] <= AT_ONCE else 0.0) else None
+    return float(x[worst]) if low[worst] < (-AT_ONCE if v1[worst[1]] <= AT_ONCE else 0.0) else halfway
 
 
 def _extremes_along(
