@@ -1,8 +1,11 @@
 """Curves of special points in two parameters, against branches at other values and a known meeting of two flips."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from orbit_scenes import bilinear, nlvib_03
+from populations import drawn
 from scenes import cantilever
 
 import vofem as vf
@@ -334,3 +337,26 @@ def test_a_grazing_is_followed_along_a_beam(stop):
         scene = build(omega, place)
         response = vf.frequency_response(scene, [omega / (2.0 * np.pi)], loads="scene")
         assert abs(response.displacement(scene.bodies[0].at(place))[0]) == pytest.approx(0.004, rel=1e-11)
+
+
+def test_a_locus_beside_a_stiff_stop():
+    """Four masses and a stop 3e5 times as stiff: derivatives of the condition by a short difference are rounding."""
+    case = drawn(2511)
+    load = next(effect for effect in case.build(case.start).effects if isinstance(effect, vf.PointLoad))
+    state = {
+        "m0": (4.600124718, 29.009111797),
+        "m1": (0.690654886, 36.525586603),
+        "m2": (13.784923753, 43.748023412),
+        "m3": (-0.076191156, 22.470794616),
+    }
+    guess = SimpleNamespace(state_of=lambda name: tuple(np.array([number]) for number in state[name]))
+
+    def build(omega, share):
+        scene = case.build(omega)
+        return scene.replace(scene.effects[-1], f=vf.Sine(share * load.f.amplitude, omega, load.f.phase))
+
+    (fold,) = vf.continuation(lambda omega: build(omega, 1.0), 0.345904828, 0.3463, guess=guess).special
+    assert fold.value == pytest.approx(0.346169748451, abs=1e-12)
+    locus = vf.locus(build, fold, 1.0, 0.8)
+    # A branch with this load, from the lower end of the population's interval, has its fold there.
+    assert locus.values[-1] == pytest.approx([0.345153223458, 0.8], abs=1e-11)

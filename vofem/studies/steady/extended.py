@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +76,9 @@ class ExtendedEvaluation:
     turned: float = 1.0  #: Inverse cosine of the largest angle between a null vector and its border.
     held: int = -1  #: Number of the switch that ends the touch of length zero of a grazing.
 
+    #: An error that is rounding where steps are: touches with little speed magnify it in the condition.
+    settled: ClassVar[float] = 1e-6
+
     def __getattr__(self, name: str) -> Any:
         """Return what is known of the orbit: sizes, motion, extremes, and whether it repeats."""
         if name.startswith("__"):
@@ -127,6 +130,8 @@ class Extended:
 
     #: Second differences need states that follow from the anchor.
     lifted = False
+    #: They tell of second derivatives, which have fewer digits.
+    widened = 1e3
 
     def __init__(self, inner: Any, family: Family, kind: str, size: float, held: int = -1) -> None:
         self.inner, self.family, self.kind, self.size, self.held = inner, family, kind, size, held

@@ -112,12 +112,15 @@ def converged(
         fell = after.error <= (lower if now.error <= _ROUNDED else max(lower, _CLOSE))
         x, now = x + move, after
         best = min(best, (x, now), key=lambda one: one[1].error)
-    return _accepted(*best, why)
+    return _accepted(*best, why, length)
 
 
-def _accepted(x: Array, now: Any, why: str) -> Solved:
-    """Return a solution, or raise `ConvergenceError` if its residual is more than rounding."""
-    if now.error <= getattr(now, "solved", ROUNDING):
+def _accepted(x: Array, now: Any, why: str, last: float = np.inf) -> Solved:
+    """Return a solution, or raise `ConvergenceError` if its residual is more than rounding.
+
+    `last`: length of the last step, over the sizes of the unknowns.
+    """
+    if now.error <= getattr(now, "solved", ROUNDING) or (last <= _LAST and now.error <= getattr(now, "settled", 0.0)):
         return Solved(x, now)
     raise ConvergenceError(f"Newton's method left a residual of {now.error:.2e} of the motion{why and f': {why}'}")
 

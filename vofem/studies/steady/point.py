@@ -37,6 +37,8 @@ class OriginChart:
 
     #: Whether orbits are divided into segments, whose switches are watched and whose begins are unknowns too.
     segmented = lifted = False
+    #: Factor of the step by which the equations are differentiated by the parameter.
+    widened = 1.0
 
     def evaluate(self, problem: Any, y: Array, *, derivative: bool = True, near: Any = None) -> Any:
         """Return the equations, which need no states of a neighbour."""
@@ -125,7 +127,7 @@ def derivative_by_value(family: Family, chart: Any, y: Array, evaluation: Any, *
 def _beside(family: Family, chart: Any, y: Array, evaluation: Any, times: float = 1.0) -> tuple[Any, float]:
     """Return the equations at a value of the parameter beside, or some times as far away, and the step to it."""
     value = float(y[-1])
-    beside = value + times * (family.interval.beside(value) - value)
+    beside = value + times * chart.widened * (family.interval.beside(value) - value)
     moved = chart.evaluate(family.of(np.append(y[:-1], beside)), y[:-1], derivative=False, near=evaluation)
     return moved, beside - value
 
@@ -239,7 +241,8 @@ def point_at(
     problem = family.of(y)
     evaluation = chart.evaluate(problem, y[:-1], near=near) if evaluation is None else evaluation
     scales = scales_of(family, chart, problem, evaluation) if scales is None else scales
-    exact = chart.segmented and np.any(np.abs(evaluation.jacobian * scales[:-1]) > _MAGNIFIED * scales[:-1, None])
+    magnified = chart.segmented and np.any(np.abs(evaluation.jacobian * scales[:-1]) > _MAGNIFIED * scales[:-1, None])
+    exact = magnified or chart.widened > 1.0
     by_value = derivative_by_value(family, chart, y, evaluation, exact=bool(exact))
     return Point(chart, y, problem, evaluation, scales, by_value, tangent_at(evaluation, by_value, scales, towards))
 

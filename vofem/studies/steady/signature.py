@@ -391,6 +391,7 @@ class Signature(Switches):
     #: Orbits are divided into segments, whose switches are watched, and which begin in states that are unknowns too.
     segmented: ClassVar[bool] = True
     lifted: ClassVar[bool] = True
+    widened: ClassVar[float] = 1.0
 
     # -- equations ------------------------------------------------------------------------------------
 
