@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -315,7 +316,9 @@ def test_branches_pass_sticking_all_along_beside_a_stop() -> None:
         there.switch(turn)
 
 
-def two_dampers(places: tuple[float, float], limits: tuple[float, float], loaded: float) -> Any:
+def two_dampers(
+    places: tuple[float, float], limits: tuple[float, float], loaded: float, mean: float | None = None
+) -> Any:
     """Return a function of the load's angular frequency: a cantilever with two friction dampers."""
 
     def build(omega: float) -> vf.Scene:
@@ -324,7 +327,8 @@ def two_dampers(places: tuple[float, float], limits: tuple[float, float], loaded
             vf.Friction(beam.at(x), coefficient=1.0, normal=limit, name=f"damper at {x}")
             for x, limit in zip(places, limits, strict=True)
         ]
-        load = vf.PointLoad(beam.at(loaded), vf.Sine(1.0, omega))
+        sine = vf.Sine(1.0, omega)
+        load = vf.PointLoad(beam.at(loaded), sine if mean is None else sine + vf.Constant(mean))
         return vf.Scene([beam], [*dampers, vf.RayleighDamping(0.1, 0.003), load])
 
     return build
@@ -343,6 +347,19 @@ def test_two_friction_dampers_of_a_beam(limits, loaded, ends, count) -> None:
     assert len(there.special) == count
     values = [[mark.value for mark in branch.special] for branch in (there, back)]
     np.testing.assert_allclose(values[0], values[1][::-1], rtol=1e-9)
+
+
+def test_a_branch_passes_stops_that_are_too_short_to_be_told_apart() -> None:
+    """The next orbit with the switches of an ordinary run is on the branch, not on the way back."""
+    branch = vf.continuation(two_dampers((1.0, 0.5), (0.235, 0.249), 1.0, 0.21300792418853376), 2.778, 2.785)
+    assert branch.values[-1] == 2.785
+    assert np.all(np.diff(branch.values) > 0.0)
+    (note,) = branch.notes
+    found = re.match(r"between (\S+) and (\S+) sliders stop and slide for times that", note)
+    assert found is not None
+    begin, end = map(float, found.groups())
+    assert begin == pytest.approx(2.78166775, abs=1e-7)
+    assert begin < end < 2.783
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,7 @@ _NEAR_OTHERS = 1e-3
 
 #: Longest step, but for the parameter, in which touches may turn into a rest, and how many are tried to find the
 #: shortest one.
-_RESTING, _NEARER = 1e-3, 7
+_RESTING, _NEARER = 1e-3, 6
 
 #: Steps by which what sliders do in very short times is passed.
 _FARTHER = (1e-3, 1e-4, 1e-5)
@@ -305,7 +305,7 @@ class Follower:
         passed = self._ahead[1]
         rests = passed is None and step * np.linalg.norm(now.tangent[:-1]) <= _RESTING
         if rests:
-            passed = self._resting(now, step)
+            passed = self._nearest_rest(now, step)
         if passed is None or self.family.interval.left(passed.at.value):
             return None
         if step > _SHORT and self._before(now, passed)[1]:
@@ -325,27 +325,26 @@ class Follower:
         return self._passed(now, passed, step)
 
     def _resting(self, now: Point, step: float, *, stick: bool = False) -> Passage | None:
-        """Return the nearest orbit up to a step ahead with the switches of an ordinary run, if there is one there.
+        """Return the orbit a step ahead with the switches of an ordinary run, if there is one; see `resting`."""
+        with contextlib.suppress(ConvergenceError, np.linalg.LinAlgError):
+            return resting(self.family, now, now.y + step * now.tangent * now.scales, stick=stick)
+        return None
 
-        See `resting`. What lies between is not examined.
-        """
-        found, low, at = None, 0.0, step
-        for _ in range(_NEARER):
-            nearer = None
-            with contextlib.suppress(ConvergenceError, np.linalg.LinAlgError):
-                nearer = resting(self.family, now, now.y + at * now.tangent * now.scales, stick=stick)
-            found = nearer or found
-            if found is None:
-                return None
-            low, step = (at, step) if nearer is None else (low, at)
+    def _nearest_rest(self, now: Point, step: float) -> Passage | None:
+        """Return the nearest such orbit up to a step ahead. What lies between is not examined."""
+        found, low = self._resting(now, step), 0.0
+        for _ in range(_NEARER if found else 0):
             at = 0.5 * (low + step)
+            nearer = self._resting(now, at)
+            low, step, found = (at, step, found) if nearer is None else (low, at, nearer)
         return found
 
     def _farther(self, now: Point) -> tuple[Point, float] | None:
         """Return the next orbit whose sliders switch as in an ordinary run, where they do so in very short times."""
         if not isinstance(now.chart, Signature) or now.problem.course.sliders is None:
             return None
-        for step in _FARTHER:
+        for length in _FARTHER:
+            step = length / float(np.linalg.norm(now.tangent[:-1]))
             passed = self._resting(now, step, stick=True)
             if passed is not None and not self.family.interval.left(passed.at.value):
                 self.notes.append(
