@@ -283,7 +283,7 @@ class Follower:
         if passed is not None:
             return self._passed(now, passed, step)
         angle = float(np.arccos(np.clip(now.tangent @ after.tangent, -1.0, 1.0)))
-        special = self._found(Step(now, after), step)
+        special = self._examined(Step(now, after), step)
         if special is None:
             return None
         self._take(after, Step(now, after), special)
@@ -368,7 +368,7 @@ class Follower:
             return None
         if np.any(last.y != now.y):
             left = self._before(now, passed)[0]
-            special = self._found(Step(now, last), left if step > 0.5 * left else 0.0)
+            special = self._examined(Step(now, last), left if step > 0.5 * left else 0.0)
             if special is None:
                 return now, 0.5 * left
             self._take(last, Step(now, last), special)
@@ -472,7 +472,7 @@ class Follower:
             return None
         return after
 
-    def _found(self, step: Step, length: float) -> list[SpecialPoint] | None:
+    def _examined(self, step: Step, length: float) -> list[SpecialPoint] | None:
         """Return the special points of the step from the last point; None where a length is too long to find all."""
         told = len(self.notes)
         self._count("flows")
