@@ -331,9 +331,14 @@ class Follower:
         return None
 
     def _nearest_rest(self, now: Point, step: float) -> Passage | None:
-        """Return the nearest such orbit up to a step ahead. What lies between is not examined."""
+        """Return the nearest such orbit up to a step ahead. What lies between is not examined.
+
+        Where impacts become infinitely many, the nearest orbits have as many as can be told apart; one is taken beyond.
+        """
         found, low = self._resting(now, step), 0.0
-        for _ in range(_NEARER if found else 0):
+        if found is None or found.at.chart.impacts != now.chart.impacts:
+            return found
+        for _ in range(_NEARER):
             at = 0.5 * (low + step)
             nearer = self._resting(now, at)
             low, step, found = (at, step, found) if nearer is None else (low, at, nearer)
