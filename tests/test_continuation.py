@@ -10,11 +10,10 @@ import re
 import shutil
 from decimal import Decimal
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from orbit_scenes import bilinear, impact_oscillator, nlvib_03, state_at_cosine
+from orbit_scenes import bilinear, impact_oscillator, masses_at, nlvib_03, state_at_cosine
 from scenes import DATA, between_stops, on_stop
 from scipy.integrate import solve_ivp
 
@@ -295,7 +294,7 @@ def test_a_pair_that_is_outside_when_it_becomes_one():
         return nlvib_03(2.0 * omega, phase=0.0, pushed=(vf.Sine(0.05, 3.0 * omega, 0.3),))
 
     known = {"a": (-1.647114, 0.339184), "b": (-0.572629, -0.145304)}
-    guess = SimpleNamespace(state_of=lambda name: tuple(np.array([part]) for part in known[name]))
+    guess = masses_at(known)
     branch = vf.continuation(build, 0.249494, 0.24956, guess=guess)
     assert [one.kind for one in branch.special] == ["fold", "neimark_sacker"]
     assert [one.value for one in branch.special] == pytest.approx([0.249530735001, 0.249530727880], abs=1e-12)

@@ -1,10 +1,8 @@
 """Curves of special points in two parameters, against branches at other values and a known meeting of two flips."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
-from orbit_scenes import bilinear, nlvib_03
+from orbit_scenes import bilinear, masses_at, nlvib_03
 from populations import drawn
 from scenes import cantilever
 
@@ -342,18 +340,18 @@ def test_a_grazing_is_followed_along_a_beam(stop):
 def test_a_locus_beside_a_stiff_stop():
     """Four masses and a stop 3e5 times as stiff: derivatives of the condition by a short difference are rounding."""
     case = drawn(2511)
-    load = next(effect for effect in case.build(case.start).effects if isinstance(effect, vf.PointLoad))
     state = {
         "m0": (4.600124718, 29.009111797),
         "m1": (0.690654886, 36.525586603),
         "m2": (13.784923753, 43.748023412),
         "m3": (-0.076191156, 22.470794616),
     }
-    guess = SimpleNamespace(state_of=lambda name: tuple(np.array([number]) for number in state[name]))
+    guess = masses_at(state)
 
     def build(omega, share):
         scene = case.build(omega)
-        return scene.replace(scene.effects[-1], f=vf.Sine(share * load.f.amplitude, omega, load.f.phase))
+        load = scene.effects[-1]
+        return scene.replace(load, **{"f.amplitude": share * load.f.amplitude})
 
     (fold,) = vf.continuation(lambda omega: build(omega, 1.0), 0.345904828, 0.3463, guess=guess).special
     assert fold.value == pytest.approx(0.346169748451, abs=1e-12)

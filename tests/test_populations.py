@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from orbit_scenes import masses_at
 from populations import REPEATS, SAME, Outcome, away, both_ways, differing, drawn, end_of, followed
 
 import vofem as vf
@@ -82,7 +83,7 @@ def test_a_touch_begins_at_the_phase_at_which_the_state_is_an_unknown():
         "m0": (-0.008894158, -0.01695332), "m1": (-0.05330963, -0.027429), "m2": (-0.08931829, -0.02146807),
         "m3": (-0.1087522, -0.02048951),
     }  # fmt: skip
-    guess = SimpleNamespace(state_of=lambda name: tuple(np.array([part]) for part in known[name]))
+    guess = masses_at(known)
     branch = vf.continuation(case.build, 0.391594, 0.3938, guess=guess)
     assert branch.values[-1] == 0.3938
     assert [(one.kind, one.contact) for one in branch.special] == [("grazing", "one"), ("grazing", "two")]
@@ -96,7 +97,7 @@ def test_special_points_beside_a_grazing_are_listed_or_told(stop):
         "m0": (-0.01968523, 0.004468025), "m1": (-0.02536175, 0.007850386), "m2": (-0.02755963, 0.01107605),
         "m3": (-0.029393, 0.01297039), "m4": (-0.03053302, 0.01324946),
     }  # fmt: skip
-    guess = SimpleNamespace(state_of=lambda name: tuple(np.array([part]) for part in known[name]))
+    guess = masses_at(known)
     branch = vf.continuation(case.build, 0.2522, stop, guess=guess)
     found = Counter(one.kind for one in branch.special)
     told = any("special points between 0.252214131112, where a contact is grazed" in note for note in branch.notes)
@@ -124,7 +125,7 @@ def test_stiff_stops_do_not_bend_the_direction_of_a_branch():
         "m2": (-0.1089976733698062, -0.026633096034410608), "m3": (-0.10781146654362485, -0.03687772978568574),
         "m4": (-0.10380219578557094, -0.045212692212214974),
     }  # fmt: skip
-    guess = SimpleNamespace(state_of=lambda name: tuple(np.array([part]) for part in known[name]))
+    guess = masses_at(known)
     branch = vf.continuation(case.build, 0.22618351218760765, case.start, guess=guess, max_points=60)
     assert branch.values[-1] == branch.values[0]
     assert [one.kind for one in branch.special] == ["fold", "grazing", "grazing"]

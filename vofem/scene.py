@@ -154,10 +154,11 @@ class Scene(Shown):
     def model(self) -> Model:
         """The assembled scene. It is assembled once, when it is first needed."""
         if self._model is None:
-            earlier = None
+            # Another thread may assemble this scene meanwhile, and then forgets the other one.
+            like, earlier = self._like, None
             # Where the other scene cannot be assembled, for example because of what was replaced, it shares nothing.
             with contextlib.suppress(VofemError):
-                earlier = None if self._like is None else self._like.model.system
+                earlier = None if like is None else like.model.system
             with _COMPILING:
                 self._model = self._model or self._compiled(earlier)
             self._like = None

@@ -117,7 +117,7 @@ class Follower:
     #: Where impacts were told to become infinitely many.
     _accumulated: float = field(default=np.inf, init=False)
     #: Begins and ends of steps in which touches turn into a rest, or a rest into touches.
-    _rests: list[float] = field(default_factory=list, init=False)
+    _rests: list[tuple[float, float]] = field(default_factory=list, init=False)
     #: The point from which the end of touches was looked for last, and what was found.
     _ahead: tuple[Point | None, Passage | None] = field(default=(None, None), init=False)
 
@@ -183,14 +183,7 @@ class Follower:
                 self._stopped(now, told)
         self._count("flows")
         if self._rests:
-            widest, count = np.abs(np.diff(self._rests)[::2]).max(), len(self._rests) // 2
-            several = f"{count} steps" if count > 1 else "a step"
-            self.notes.insert(
-                0,
-                f"between {min(self._rests):.9g} and {max(self._rests):.9g} touches turn into a rest at the gap, or a "
-                f"rest into touches, in {several} of at most {widest:.1g}. No orbit there repeats to {CLOSES:g} of the "
-                "motion, and special points inside are not listed",
-            )
+            self.notes.insert(0, self._rests_told())
         self.special.sort(key=lambda mark: mark.place)
         self.counters.points, self.counters.check_flows = len(self.points), self.family.work.checks
         self.counters.eigensolves = self.family.work.runs.eigensolves
@@ -233,6 +226,17 @@ class Follower:
         if report(now.value):
             self.interrupted = True
             self.notes.append(f"interrupted at {now.value:.9g}, the end of the {self.noun}")
+
+    def _rests_told(self) -> str:
+        """Return where touches turn into a rest, or a rest into touches."""
+        low, high = np.min(self._rests), np.max(self._rests)
+        widest = max(abs(end - begin) for begin, end in self._rests)
+        several = f"{len(self._rests)} steps" if len(self._rests) > 1 else "a step"
+        return (
+            f"between {low:.9g} and {high:.9g} touches turn into a rest at the gap, or a "
+            f"rest into touches, in {several} of at most {widest:.1g}. No orbit there repeats to {CLOSES:g} of the "
+            "motion, and special points inside are not listed"
+        )
 
     def _stopped(self, now: Point, limit: str) -> None:
         """Note a limit, and what contacts do there, which may be the reason why it was reached."""
@@ -321,7 +325,7 @@ class Follower:
                 "until they rest. Special points accumulate there, and the nearest ones are not listed"
             )
         elif rests and not changed:
-            self._rests += [now.value, passed.at.value]
+            self._rests.append((now.value, passed.at.value))
         return self._passed(now, passed, step)
 
     def _resting(self, now: Point, step: float, *, stick: bool = False) -> Passage | None:
@@ -362,9 +366,9 @@ class Follower:
     @staticmethod
     def _before(now: Point, passed: Passage) -> tuple[float, bool]:
         """Return how far ahead a change of the signature lies, and whether the branch turns too far up to there."""
-        left = float(np.linalg.norm((passed.before.y - now.y) / now.scales))
+        way = Step(now, passed.before)
         turned = now.tangent @ passed.before.tangent < _REFUSED
-        return left, left > _SHORT and bool(turned or _elsewhere(now, passed.before))
+        return way.length, way.length > _SHORT and bool(turned or _elsewhere(way))
 
     def _passed(self, now: Point, passed: Passage, step: float) -> tuple[Point, float] | None:
         """Continue beyond a change of the signature."""
@@ -372,11 +376,11 @@ class Follower:
         if self.family.interval.left(last.value):
             return None
         if np.any(last.y != now.y):
-            left = self._before(now, passed)[0]
-            special = self._examined(Step(now, last), left if step > 0.5 * left else 0.0)
+            way = Step(now, last)
+            special = self._examined(way, way.length if step > 0.5 * way.length else 0.0)
             if special is None:
-                return now, 0.5 * left
-            self._take(last, Step(now, last), special)
+                return now, 0.5 * way.length
+            self._take(last, way, special)
             if self._over or self._closed(now, last):
                 return last, step
         laws = last.problem.system.contacts
@@ -472,7 +476,7 @@ class Follower:
         if after is None or after.tangent @ towards < refused:
             self._why = " (the branch turns too far in one step)"
             return None
-        if now.chart.segmented and step > _LEAST_SHARE * self.largest and _elsewhere(now, after):
+        if now.chart.segmented and step > _LEAST_SHARE * self.largest and _elsewhere(Step(now, after)):
             self._why = " (the step led to another branch)"
             return None
         return after
@@ -600,11 +604,11 @@ class Quiet(Follower):
         return []
 
 
-def _elsewhere(now: Point, after: Point) -> bool:
+def _elsewhere(step: Step) -> bool:
     """Return whether the way to a neighbour has not the mean of the directions at both, as along one branch."""
-    way = (after.y - now.y) / now.scales
+    now, after = step.first, step.last
     mean = now.tangent + after.tangent * after.scales / now.scales
-    return bool(np.linalg.norm(way / np.linalg.norm(way) - mean / np.linalg.norm(mean)) > _APART)
+    return bool(np.linalg.norm(step.secant / step.length - mean / np.linalg.norm(mean)) > _APART)
 
 
 def charted(problem: Any, unknowns: Array) -> tuple[Any, Array]:
