@@ -559,3 +559,16 @@ def test_the_error_is_told_where_a_law_is_stiff(harmonics, reference):
     orbit = vf.periodic(scene, harmonics=harmonics)
     error = abs(orbit.amplitude(a) - reference) / reference
     assert 0.5 < orbit.truncation.error / error < 2.0
+
+
+@pytest.mark.parametrize("sides", [("above",), ("above", "below")], ids=len)
+def test_a_branch_that_is_lost_at_a_jump_holds_no_orbit_that_is_none(sides):
+    """Few harmonics cannot follow a force that jumps through a grazing; all orbits before it solve the equations."""
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.03, name="m")
+    stops = [vf.Contact(mass, gap=0.5, stiffness=1.0, side=side, acts_on="displacement", name=side) for side in sides]
+    branch = vf.continuation(
+        lambda omega: vf.Scene([mass], [*stops, vf.PointLoad(mass, vf.Sine(0.1, omega))]),
+        0.6, 2.0, method="harmonic_balance", harmonics=10,
+    )  # fmt: skip
+    assert "lost" in branch.notes[-1]
+    assert max(orbit.residual for orbit in branch.orbits) < 1e-9

@@ -30,7 +30,7 @@ from vofem.studies.steady.condensed import GOOD, Condensed, reduced
 from vofem.studies.steady.family import Interval
 from vofem.studies.steady.follow import Quiet
 from vofem.studies.steady.near import signature_at
-from vofem.studies.steady.newton import raised, solved
+from vofem.studies.steady.newton import Evaluation, raised, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.point import ORIGIN, Point, point_at
 from vofem.studies.steady.problem import Work
@@ -353,7 +353,7 @@ _UNDECIDED = 1e-6
 
 
 @dataclass(frozen=True)
-class _Evaluation:
+class _Evaluation(Evaluation):
     """The equations of a free oscillation."""
 
     #: Velocities after half a period over the speed of the motion, and one minus the wanted level over the level, shape

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ from vofem.arrays import Array, Complex
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.extremes import Extreme
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.newton import ROUNDING, direction, solved
+from vofem.studies.steady.newton import ROUNDING, Evaluation, direction, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.signature import States
 
@@ -37,6 +37,9 @@ _STEPS = 12
 
 #: Steps of differences along the null vector and by the parameter, relative to their scales.
 _ALONG, _BY_VALUE = 1e-5, 1e-6
+
+#: Error that may be rounding where the last step was.
+_SOLVED_BY_STEPS = 1e-6
 
 #: Weight of the condition beside the residual of the orbit: the digits of the parameters depend on it.
 _WEIGHT = 100.0
@@ -63,7 +66,7 @@ class _Test(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ExtendedEvaluation:
+class ExtendedEvaluation(Evaluation):
     """The equations of a special orbit."""
 
     orbit: Any  #: That of the orbit.
@@ -76,9 +79,6 @@ class ExtendedEvaluation:
     turned: float = 1.0  #: Inverse cosine of the largest angle between a null vector and its border.
     held: int = -1  #: Number of the switch that ends the touch of length zero of a grazing.
 
-    #: An error that is rounding where steps are: touches with little speed magnify it in the condition.
-    settled: ClassVar[float] = 1e-6
-
     def __getattr__(self, name: str) -> Any:
         """Return what is known of the orbit: sizes, motion, extremes, and whether it repeats."""
         if name.startswith("__"):
@@ -87,8 +87,13 @@ class ExtendedEvaluation:
 
     @property
     def solved(self) -> float:
-        """Error of an evaluation that may be rounding; that of the condition is not known."""
+        """An error that may be rounding; that of the condition is not known."""
         return max(ROUNDING, float(self.orbit.rounding))
+
+    @property
+    def solved_by_steps(self) -> float:
+        """An error that is rounding where steps are: touches with little speed magnify it in the condition."""
+        return _SOLVED_BY_STEPS
 
     @cached_property
     def extremes(self) -> list[Extreme]:
@@ -112,8 +117,7 @@ class ExtendedEvaluation:
 
     def stripped(self) -> ExtendedEvaluation:
         """Return the evaluation without what takes memory."""
-        lean = self.orbit.stripped() if hasattr(self.orbit, "stripped") else self.orbit
-        return replace(self, orbit=lean)
+        return replace(self, orbit=self.orbit.stripped())
 
 
 class Extended:

@@ -40,7 +40,7 @@ from vofem.studies.steady.law_path import PASSES, LawPaths, nonlinear_groups
 from vofem.studies.steady.linear_rest import FULL, Attached, LinearRest, linear_laws
 from vofem.studies.steady.loads import load_series
 from vofem.studies.steady.near import orbit_near
-from vofem.studies.steady.newton import ROUNDING, direction
+from vofem.studies.steady.newton import ROUNDING, Evaluation, direction
 from vofem.studies.steady.orbit import DECIDED, OrbitSource, OrbitTruncation, PeriodicOrbit
 from vofem.studies.steady.problem import OrbitProblem, Work
 from vofem.studies.steady.shooting import Shooting
@@ -69,7 +69,7 @@ _SAFETY = 6.0
 
 
 @dataclass(frozen=True)
-class HarmonicEvaluation:
+class HarmonicEvaluation(Evaluation):
     """The equations at some harmonics, and the motion that these harmonics stand for."""
 
     problem: HarmonicBalance = field(repr=False)

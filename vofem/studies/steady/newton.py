@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -17,7 +17,7 @@ _STEPS, _HALVINGS, _FALLS = 40, 7, 0.1
 #: Error of an evaluation at which equations count as solved.
 TOLERANCE = 1e-13
 
-#: A residual that no longer shrinks counts as rounding below what an evaluation calls `solved`, or below this.
+#: A residual that no longer shrinks counts as rounding below this, where equations do not tell more.
 ROUNDING = 1e-9
 
 #: Largest length of a whole step, in terms of the one before it, where Newton's method converges.
@@ -28,6 +28,24 @@ _ROUNDED, _CLOSE = 1e-12, 1e-6
 
 #: Length of a whole step, over the sizes of the unknowns, after which only rounding is left.
 _LAST = 1e-9
+
+
+class Evaluation:
+    """Equations at some unknowns: `residual` (n,), `jacobian` (n, n), and `error`, the size of the residual."""
+
+    @property
+    def solved(self) -> float:
+        """An error that may be rounding."""
+        return ROUNDING
+
+    @property
+    def solved_by_steps(self) -> float:
+        """An error that is rounding where the last step of Newton's method was."""
+        return 0.0
+
+    def stripped(self) -> Self:
+        """Return the evaluation without what only Newton's method needs and takes memory."""
+        return self
 
 
 @dataclass(frozen=True)
@@ -51,8 +69,7 @@ def solved(
 
     Steps are halved until the residual falls.
 
-    `evaluate`: returns the equations at some unknowns, an evaluation with its Jacobian matrix, or raises
-    `ConvergenceError`.
+    `evaluate`: returns the equations at some unknowns, an `Evaluation`, or raises `ConvergenceError`.
     `tolerance`: error of an evaluation that is small enough.
     `known`: the evaluation at the guess.
     `step`: returns the next step from unknowns and their evaluation; by default that of Newton's method.
@@ -120,7 +137,7 @@ def _accepted(x: Array, now: Any, why: str, last: float = np.inf) -> Solved:
 
     `last`: length of the last step, over the sizes of the unknowns.
     """
-    if now.error <= getattr(now, "solved", ROUNDING) or (last <= _LAST and now.error <= getattr(now, "settled", 0.0)):
+    if now.error <= (max(now.solved, now.solved_by_steps) if last <= _LAST else now.solved):
         return Solved(x, now)
     raise ConvergenceError(f"Newton's method left a residual of {now.error:.2e} of the motion{why and f': {why}'}")
 

@@ -226,9 +226,7 @@ def corrected(
     normal = level(guess.size) if normal is None else normal
     plane = _OnPlane(family, chart, guess, scales, normal, by_value, near, loose)
     found = converged(plane.evaluate, guess, steps - 1, plane.step, scales, tolerance, known)
-    now = found.evaluation
-    # What only the correction needs is left behind.
-    return found.unknowns, now.stripped() if hasattr(now, "stripped") else now
+    return found.unknowns, found.evaluation.stripped()
 
 
 def point_at(

@@ -37,7 +37,7 @@ from vofem.laws.friction import DOWN, UP
 from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.extremes import LEAST, Extreme, turning_points
 from vofem.studies.steady.gaps import ROUNDING, Gaps
-from vofem.studies.steady.newton import direction
+from vofem.studies.steady.newton import Evaluation, direction
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
 from vofem.studies.steady.settling import SETTLES, bounces_of, settled
 from vofem.studies.steady.shooting import CLOSES, Shooting, relative, share
@@ -56,6 +56,9 @@ _GRAZED = 1e-12
 
 #: Difference of phases, over the orbit, up to which a switch of a flow is one of the signature.
 _SAME = 1e-5
+
+#: Error of an evaluation that may be rounding.
+_SOLVED = 1e-10
 
 #: Factor by which an impact may be faster or slower than that in which a body comes to rest.
 _ALLOWED = 2.0
@@ -88,7 +91,7 @@ class States(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SignatureEvaluation:
+class SignatureEvaluation(Evaluation):
     """The equations of the orbits of a signature at some unknowns."""
 
     chart: Signature
@@ -102,8 +105,10 @@ class SignatureEvaluation:
     #: Sizes by which the equations of the switches were divided, shape (k,); derivatives do not tell how these change.
     divisors: Array
 
-    #: An error that may be rounding.
-    solved: ClassVar[float] = 1e-10
+    @property
+    def solved(self) -> float:
+        """An error that may be rounding."""
+        return _SOLVED
 
     @property
     def states(self) -> Array:
