@@ -358,3 +358,50 @@ def test_a_locus_beside_a_stiff_stop():
     locus = vf.locus(build, fold, 1.0, 0.8)
     # A branch with this load, from the lower end of the population's interval, has its fold there.
     assert locus.values[-1] == pytest.approx([0.345153223458, 0.8], abs=1e-11)
+
+
+def test_a_grazing_passes_a_switch_of_another_contact():
+    """The touch without length comes before another contact closes, and later after it; a damper acts in it."""
+
+    def chain(omega, load):
+        a, b = vf.Mass(1.0, stiffness=1.0, damping=0.04, name="a"), vf.Mass(0.6, name="b")
+        c = vf.Mass(0.7, stiffness=0.4, damping=0.02, name="c")
+        law = {"acts_on": "penetration"}
+        return vf.Scene(
+            [a, b, c],
+            [
+                vf.Spring(a, b, stiffness=0.9),
+                vf.Dashpot(a, b, damping=0.02),
+                vf.Spring(b, c, stiffness=1.4),
+                vf.Dashpot(b, c, damping=0.05),
+                vf.Contact(a, b, gap=0.25, stiffness=8.0, damping=0.3, name="between", **law),
+                vf.Contact(c, gap=0.5, stiffness=3.0, side="below", name="floor", **law),
+                vf.PointLoad(b, vf.Sine(load, omega)),
+                vf.PointLoad(c, vf.Constant(-0.15)),
+                vf.PointLoad(a, vf.Sine(0.5 * load, 2.0 * omega, phase=0.7)),
+            ],
+        )
+
+    def grazing(omega, start, stop):
+        branch = vf.continuation(lambda load: chain(omega, load), start, stop)
+        (found,) = [one for one in branch.special if one.kind == "grazing" and one.contact == "between"]
+        return found
+
+    first = grazing(1.3, 0.6, 0.65)
+    after, pairs = [], []
+    for end in (1.299, 1.31):
+        locus = vf.locus(lambda load, omega: chain(omega, load), first, 1.3, end)
+        load, omega = locus.values[-1]
+        assert omega == end
+        at = grazing(end, 0.98 * load, 1.02 * load)
+        assert at.value == pytest.approx(load, rel=1e-12)
+        run = at.orbit.result
+        one, other = (run.displacement(mass) for mass in at.orbit.scene.bodies[:2])
+        inner = (one - other)[1:-1]
+        peaks = (inner > (one - other)[:-2]) & (inner > (one - other)[2:]) & (abs(inner - 0.25) < 1e-3)
+        after.append(run.times[1:-1][peaks][0] > run.contacts["floor"].closings[0])
+        # With the touch the equations of a damper are singular, and tell of no multipliers.
+        pairs += [one for one in locus.special if one.kind == "neimark_sacker"]
+    assert after == [False, True]
+    (pair,) = pairs
+    assert np.abs(pair.orbit.multipliers[:2]) == pytest.approx(1.0, abs=1e-9)

@@ -30,7 +30,7 @@ from vofem.studies.steady.extremes import Extreme
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.newton import ROUNDING, Evaluation, direction, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.signature import States
+from vofem.studies.steady.signature import Signature, States
 
 #: Steps of Newton's method to a special orbit.
 _STEPS = 12
@@ -106,9 +106,19 @@ class ExtendedEvaluation(Evaluation):
         return [e for e in found if e.contact != contact or not chart.alike(e.phase, phase)]
 
     @cached_property
+    def outside(self) -> Any:
+        """The evaluation of the orbit, without a touch of length zero: with it a damper's equations are singular."""
+        if self.held < 0:
+            return self.orbit
+        inner: Signature = self.orbit.chart
+        gone = [_begin_of(inner, self.held), self.held]
+        chart, y, _ = inner.edited(self.orbit.y, gone)
+        return chart.evaluate(self.orbit.problem, y, near=inner.begins_of(self.orbit, gone)).stripped()
+
+    @cached_property
     def multipliers(self) -> Complex | None:
         """Floquet multipliers of the orbit without those that make it special."""
-        values: Complex | None = self.orbit.multipliers
+        values: Complex | None = self.outside.multipliers
         if values is None:
             return None
         for one in self.critical:
@@ -118,6 +128,11 @@ class ExtendedEvaluation(Evaluation):
     def stripped(self) -> ExtendedEvaluation:
         """Return the evaluation without what takes memory."""
         return replace(self, orbit=self.orbit.stripped())
+
+
+def _begin_of(chart: Any, end: int) -> int:
+    """Return the number of the switch that begins the touch which ends with another one; -1 without such a touch."""
+    return next((p for p, k in chart.touches if k == end), -1)
 
 
 class Extended:
@@ -154,6 +169,20 @@ class Extended:
     def touches(self) -> list[tuple[int, int]]:
         """Pairs of switches of one contact of which the second undoes the first, without the touch of length zero."""
         return [pair for pair in self.inner.touches if pair[1] != self.held]
+
+    @property
+    def _begin(self) -> int:
+        """Number of the switch that begins the touch of length zero; -1 without one."""
+        return _begin_of(self.inner, self.held)
+
+    @cached_property
+    def causes(self) -> list[int]:
+        """For every switch the first of those with which it happens: both of the touch of length zero are one."""
+        return [self._begin if k == self.held else cause for k, cause in enumerate(self.inner.causes)]
+
+    def together(self, k: int) -> range:
+        """Return the numbers of the switches that happen with one; see `Switches.together`."""
+        return range(k, self.inner.together(self.held if k == self._begin else k).stop)
 
     # -- equations ------------------------------------------------------------------------------------
 
@@ -391,7 +420,9 @@ class Extended:
 
     def orbit(self, problem: Any, y: Array, evaluation: ExtendedEvaluation) -> PeriodicOrbit:
         """Return the orbit."""
-        orbit: PeriodicOrbit = self.inner.orbit(problem, y[: -self.more], evaluation.orbit)
+        at = evaluation.outside
+        chart, y = (self.inner, y[: -self.more]) if self.held < 0 else (at.chart, at.y)
+        orbit: PeriodicOrbit = chart.orbit(problem, y, at)
         return orbit
 
     # -- other signatures -----------------------------------------------------------------------------
@@ -401,8 +432,11 @@ class Extended:
     ) -> tuple[Extended, Array, list[int]]:
         """Return the chart without some switches and with others; see `Signature.edited`."""
         inner, changed, numbers = self.inner.edited(y[: -self.more], gone, added)
-        moved = sum(place <= self.held for place, _, _ in added) - sum(k < self.held for k in gone)
-        return self._like(inner, self.held + moved), np.append(changed, y[-self.more :]), numbers
+        held = self.held + sum(place <= self.held for place, _, _ in added) - sum(k < self.held for k in gone)
+        if self.held in gone:
+            # The touch has been moved: it ends where its contact does so last.
+            held = max(n for n, (*_, s) in zip(numbers, added, strict=True) if s == self.inner.switches[self.held])
+        return self._like(inner, held), np.append(changed, y[-self.more :]), numbers
 
     def recentred(self, known: Any, y: Array, tangent: Array) -> tuple[Extended, Array, States, Array] | None:
         """Return the chart with its anchor away from all switches, or None; see `Signature.recentred`."""
