@@ -575,3 +575,16 @@ def test_pairs_that_meet_on_the_unit_circle_without_damping():
     leading = [np.abs(orbit.multipliers).max() for orbit in branch.orbits]
     assert leading[0] == pytest.approx(1.0, abs=1e-8)
     assert leading[-1] > 1.01
+
+
+@pytest.mark.parametrize("far", [1.0, 1e5])
+def test_a_fold_beside_a_grazing_is_one_in_an_interval_of_any_size(far):
+    """They are 2e-7 rad/s apart, and a wide interval makes the rate of the parameter small."""
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="m")
+    stop = vf.Contact(mass, gap=0.5, stiffness=8.0, side="above", acts_on="penetration", name="s")
+    branch = vf.continuation(
+        lambda x: vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, -x))]), -0.2821, far, max_points=40
+    )
+    assert [one.kind for one in branch.special] == ["grazing", "fold"]
+    assert branch.special[1].value == pytest.approx(-0.281264635800429, rel=1e-12)
+    assert "left the interval through its own start" in branch.notes[-1]

@@ -456,7 +456,10 @@ def _reordered(
     new, y, numbers = chart.edited(at.y[:-1], gone, added)
     y[[n + j for j, switch in enumerate(new.switches) if switch.at_once]] = 0.0
     # What vanishes at this orbit grows beyond it: a time before a switch, or a force beyond its limit.
-    towards, begins = level(y.size + 1), chart.begins_of(at.evaluation, gone, added)
+    towards, begins = level(y.size + 1), None
+    if all(max(chart.struck[i] for i in pair) < 0 for pair in reordered):
+        # An impact that comes earlier changes the states in which others happen.
+        begins = chart.begins_of(at.evaluation, gone, added)
     number = numbers[first.which] + first.later
     if not first.force:
         towards = np.zeros(y.size + 1)
@@ -517,15 +520,27 @@ def _reorder(at: Point, pair: Pair) -> tuple[_Place, Edit]:
 
 
 def _check_impacts(at: Point, pair: Pair) -> None:
-    """Raise where two impacts happen at the same time that depend on each other."""
+    """Raise where an impact happens at the same time as another one, or turns what the other contact does."""
     chart: Signature = at.chart
     p, k = pair
-    one, other = (at.problem.space.contacts[chart.switches[j].contact] for j in (p, k))
-    coupled = abs(one @ other) > ROUNDING * float(np.linalg.norm(one) * np.linalg.norm(other))
-    if not chart.switches[k].at_once and max(chart.struck[p], chart.struck[k]) >= 0 and coupled:
+    hits = [j for j in pair if chart.struck[j] >= 0]
+    if chart.switches[k].at_once or not hits:
+        return
+    rows = at.problem.space.contacts
+    one, other = (rows[chart.switches[j].contact] for j in (p, k))
+    if abs(one @ other) <= ROUNDING * float(np.linalg.norm(one) * np.linalg.norm(other)):
+        return
+    if len(hits) == 2:
         raise ConvergenceError(
             "two impacts happen at the same time, of bodies that move each other; beyond, their order is another one, "
             "and so is the motion"
+        )
+    (hit,), path, n = hits, at.evaluation.path, at.problem.space.size
+    row = rows[chart.switches[p + k - hit].contact]
+    if float(row @ path.ends[hit, n:]) * float(row @ path.begins[hit + 1, n:]) <= 0.0:
+        raise ConvergenceError(
+            "an impact happens at the same time as another contact opens or closes, and turns the motion there; "
+            "beyond, this contact does something else"
         )
 
 

@@ -99,7 +99,7 @@ _ALLOWED = 0.3
 #: Least cosine of the angle between the direction of an orbit within a part and the way from end to end.
 _ALONG = 0.9
 
-#: Rate of the parameter along the branch, in scaled coordinates, that is rounding.
+#: Rate of the parameter along the branch, as a share of that of the motion, that is rounding.
 _LEVEL = 1e-12
 
 #: Share of a step within which several multipliers may pass the unit circle at one place. In longer parts they are
@@ -198,7 +198,9 @@ def _end(point: Point, place: float) -> _End:
     """Return an orbit as an end of two parts."""
     exact = point.chart.segmented
     rate = turning(point)
-    sides = float(np.sign(rate)) if abs(rate) > _LEVEL else 0.0, 0.0 if exact else orientation(point)
+    # Where a touch is very short, nearly all of the direction is its length, and not the motion.
+    moves = float(np.linalg.norm(np.append(point.tangent[: point.problem.size], rate)))
+    sides = float(np.sign(rate)) if abs(rate) > _LEVEL * moves else 0.0, 0.0 if exact else orientation(point)
     return _End(point, place, census(point), *sides, logarithms(point))
 
 
