@@ -588,3 +588,29 @@ def test_a_fold_beside_a_grazing_is_one_in_an_interval_of_any_size(far):
     assert [one.kind for one in branch.special] == ["grazing", "fold"]
     assert branch.special[1].value == pytest.approx(-0.281264635800429, rel=1e-12)
     assert "left the interval through its own start" in branch.notes[-1]
+
+
+def test_multipliers_beside_grazings_of_a_stiff_damped_contact():
+    """The reference has 60 digits: saltation matrices between exponentials, both computed with mpmath."""
+    beam = vf.Beam(
+        length=0.17892164734428406, EI=0.06973657374099713, rhoA=0.0985850884844551, elements=2,
+        supports={"left": "clamped"}, name="beam",
+    )  # fmt: skip
+    end, mass = beam.at(0.5 * beam.length), vf.Mass(0.0006227086738661865, stiffness=23.116089027097836, name="m")
+    law = {"stiffness": 12144243.72400639, "damping": 62.900841886417936, "acts_on": "penetration"}
+    stop = vf.Contact(end, mass, gap=0.00022339532975242625, name="stop", **law)
+
+    def scene(omega):
+        load = vf.PointMoment(end, vf.Sine(0.0011623757832971008, omega, phase=0.5 * np.pi))
+        return vf.Scene([beam, mass], [vf.ModalDamping(0.03949835377892572), stop, load])
+
+    branch = vf.continuation(scene, 81.75, 81.81397)
+    assert [one.kind for one in branch.special] == [
+        "grazing", "neimark_sacker", "fold", "fold", "neimark_sacker",
+    ]  # fmt: skip
+    assert not branch.notes
+    last = branch.special[-1]
+    assert last.value == pytest.approx(81.8139550381561, rel=1e-12)
+    pair = last.orbit.multipliers[np.argsort(np.abs(np.abs(last.orbit.multipliers) - 1.0))[:2]]
+    assert pair.real == pytest.approx(0.798904, abs=1e-6)
+    assert np.abs(pair.imag) == pytest.approx(0.601458, abs=1e-6)

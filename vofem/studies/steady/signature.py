@@ -36,7 +36,7 @@ from vofem.integrators.event_driven.flow import Flow, FlowEvent
 from vofem.laws.friction import DOWN, UP
 from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.extremes import LEAST, Extreme, turning_points
-from vofem.studies.steady.gaps import ROUNDING, Gaps
+from vofem.studies.steady.gaps import ROUNDING, Gaps, law_of
 from vofem.studies.steady.newton import Evaluation, direction
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
 from vofem.studies.steady.settling import SETTLES, bounces_of, settled
@@ -332,7 +332,12 @@ class SignatureEvaluation(Evaluation):
         if min((v for k, v in speeds if k not in self.chart.settling), default=np.inf) * _SINGULAR <= self.sizes[1]:
             return None
         norms = np.linalg.norm(switches[:, n:], axis=1)
-        if not norms.all() or np.linalg.cond(switches[:, n:] / norms[:, None]) >= _SINGULAR:
+        if not norms.all():
+            return None
+        # What a damper does in a short touch vanishes with it, so that its own short rates are no grazing.
+        hard = [k for k, s in enumerate(self.chart.switches) if law_of(self.problem, s.contact) != "smooth"]
+        rates = switches[np.ix_(hard, [n + k for k in hard])] / norms[hard, None]
+        if hard and np.linalg.cond(rates) >= _SINGULAR:
             return None
         return np.asarray(matrix - closes[:, n:] @ np.linalg.solve(switches[:, n:], switches[:, :n]))
 
