@@ -225,3 +225,46 @@ def test_two_masses_that_one_jump_lets_go_of_have_the_multipliers_of_their_run()
     change = np.array([(after(state + d)[0] - after(state - d)[0]) / 2e-6 for d in steps]).T
     found = orbit.multipliers[np.abs(orbit.multipliers) > 1e-9]
     assert np.sort_complex(found) == pytest.approx(np.sort_complex(np.linalg.eigvals(change)), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "start", "stop"), [("gap", 0.1, 0.11), ("gap", 0.1, 0.09), ("restitution", 0.6, 0.5)]
+)
+def test_a_locus_of_grazings_is_that_of_branches_beside_it(change: str, start: float, stop: float) -> None:
+    """Rounding decides whether a run of such an orbit hits the stop that it grazes."""
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.08, name="m")
+
+    def scene(omega: float, value: float) -> vf.Scene:
+        stop = vf.RigidStop(mass, side="above", name="r", **{"gap": 0.1, "restitution": 0.6, change: value})
+        return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, omega))])
+
+    def grazing(value: float) -> vf.SpecialPoint:
+        branch = vf.continuation(lambda omega: scene(omega, value), 0.9, 1.1)
+        (found,) = [one for one in branch.special if one.kind == "grazing"]
+        return found
+
+    locus = vf.locus(scene, grazing(start), start, stop)
+    assert not locus.notes
+    assert locus.values[-1] == pytest.approx([grazing(stop).value, stop], rel=1e-12)
+
+
+def test_an_elastic_contact_switches_at_an_impact() -> None:
+    """An impact turns no other contact's motion: their order changes, and the branch goes on in the same direction."""
+
+    def scene(gap: float) -> vf.Scene:
+        a, b = vf.Mass(1.0, stiffness=1.0, damping=0.05, name="a"), vf.Mass(0.5, stiffness=0.8, damping=0.03, name="b")
+        wall = vf.Contact(b, gap=gap, stiffness=10.0, side="above", acts_on="penetration", name="wall")
+        stop = vf.RigidStop(a, b, gap=0.2, restitution=0.6, name="stop")
+        return vf.Scene([a, b], [stop, wall, vf.Spring(a, b, stiffness=0.3), vf.PointLoad(a, vf.Sine(0.5, 1.1))])
+
+    there = vf.continuation(scene, 1.0, 0.01)
+    both = [there, vf.continuation(scene, 0.01, 1.0, guess=there.orbits[-1])]
+    for branch, end in zip(both, (0.01, 1.0), strict=True):
+        assert branch.values[-1] == end
+        assert not branch.notes
+        assert [one.kind for one in branch.special] == ["period_doubling"]
+        assert branch.special[0].value == pytest.approx(0.6262318397706832, rel=1e-9)
+    # The last impact comes after the wall is left, and beyond before it.
+    first, last = (orbit.result.contacts for orbit in (both[0].orbits[0], both[0].orbits[-1]))
+    assert first["wall"].openings[-1] < first["stop"].impacts.closing[-1]
+    assert last["wall"].openings[-1] > last["stop"].impacts.closing[-1]

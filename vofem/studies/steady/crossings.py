@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vofem.arrays import Complex
+from vofem.arrays import Array, Complex
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.between import Step, point_between
 from vofem.studies.steady.census import (
@@ -95,6 +95,10 @@ _SINGULAR, _UNCUT = 1e-4, 1e-5
 
 #: Error of a prediction that is allowed, as a share of the distance from the unit circle.
 _ALLOWED = 0.3
+
+#: Sine of the angle of a multiplier up to which it may meet its conjugate and leave the circle along the real axis, and
+#: the share of a step in which this is looked for.
+_NEAR_AXIS, _MEETS = 0.2, 0.1
 
 #: Least cosine of the angle between the direction of an orbit within a part and the way from end to end.
 _ALONG = 0.9
@@ -316,7 +320,15 @@ def _may_return(known: list[_End], low: _End, high: _End) -> bool:
     known = [one for one in known if one.logarithms.size == a.size]
     before = max((one for one in known if one.place < low.place), key=lambda one: one.place, default=None)
     beyond = min((one for one in known if one.place > high.place), key=lambda one: one.place, default=None)
-    error = 0.5 * np.abs(b - a) if before is beyond is None else np.zeros(a.size)
+    # One that crosses is found beforehand, unless another one crosses the other way.
+    nearest = np.minimum(np.abs(a.real), np.abs(b.real))
+    # Angles of fast modes tell nothing, however short the part: they turn by many times 2 pi in a step.
+    meets = (np.maximum(np.abs(np.sin(a.imag)), np.abs(np.sin(b.imag))) <= _NEAR_AXIS) & (size > _MEETS)
+
+    def size_of(change: Complex) -> Array:
+        return np.where(meets, np.abs(change), np.abs(change.real))
+
+    error = size_of(0.5 * (b - a)) if before is beyond is None else np.zeros(a.size)
     for one, end, here in ((before, low, a), (beyond, high, b)):
         if one is not None:
             slope = (matched(here, one.logarithms) - here) / (one.place - end.place)
@@ -324,9 +336,7 @@ def _may_return(known: list[_End], low: _End, high: _End) -> bool:
             # at a fold or a branch point, beside which it changes evenly.
             away = abs(one.place - end.place)
             away = size + (away if end.at_one else min(away, size))
-            error = np.maximum(error, 0.25 * np.abs((b - a) / size - slope) * size**2 / away)
-    # One that crosses is found beforehand, unless another one crosses the other way.
-    nearest = np.minimum(np.abs(a.real), np.abs(b.real))
+            error = np.maximum(error, size_of(0.25 * ((b - a) / size - slope) * size**2 / away))
     across = np.where(nearest > ON_CIRCLE, 0.0, np.abs(b.real - a.real))
     distance = np.where(a.real * b.real <= 0.0, across, nearest)
     # Without damping pairs stay on the circle, up to rounding.

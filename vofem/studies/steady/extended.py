@@ -116,6 +116,14 @@ class ExtendedEvaluation(Evaluation):
         return chart.evaluate(self.orbit.problem, y, near=inner.begins_of(self.orbit, gone)).stripped()
 
     @cached_property
+    def repeats(self) -> bool:
+        """Whether an ordinary run over the orbit takes the same switches and comes back."""
+        at = self.orbit
+        return bool(at.repeats) or (
+            self.held >= 0 and self.outside.repeats_around(float(at.chart.phases(at.y)[self.held]))
+        )
+
+    @cached_property
     def multipliers(self) -> Complex | None:
         """Floquet multipliers of the orbit without those that make it special."""
         values: Complex | None = self.outside.multipliers

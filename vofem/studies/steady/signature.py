@@ -70,6 +70,9 @@ _DIGITS, _SIGNS = 1e-15, ((1.0, -1.0), (1.0, 1.0, -1.0), (-1.0, 1.0, 1.0, 1.0, -
 #: Parts of an orbit that are run where a whole run misses something.
 _TOLD, _PARTS = 1e-6, 8
 
+#: Distance in rad from a grazing at which runs begin and end that are not to touch there.
+_ASIDE = 1e-3
+
 #: Length in rad of a touch that may be lost in rounding.
 _SHORT = 1e-5
 
@@ -274,6 +277,22 @@ class SignatureEvaluation(Evaluation):
             if self._missed(flow, end) > CLOSES:
                 return False
         return chart.follows(self.y, events, problem.loads.omega)
+
+    def repeats_around(self, phase: float) -> bool:
+        """Return whether a run repeats from just behind a phase in rad to just before it.
+
+        Where an orbit grazes a contact whose force jumps, or a rigid stop, rounding decides whether a run touches it.
+        """
+        chart, problem, path, omega = self.chart, self.problem, self.path, self.problem.loads.omega
+        phase = chart.anchor + (phase - chart.anchor) % chart.turn
+        edges = np.concatenate([[chart.anchor], chart.phases(self.y), [chart.anchor + chart.turn]])
+        k = int(np.searchsorted(edges[1:-1], phase))
+        aside = min(_ASIDE, 0.5 * float(phase - edges[k]), 0.5 * float(edges[k + 1] - phase))
+        begin, end = (
+            problem.unmodal(path.state(k, (phase + way * aside) / omega - float(path.times[k]))) for way in (1.0, -1.0)
+        )
+        flow = problem.run(begin, phase + aside, chart.statuses[k].tolist(), chart.turn - 2.0 * aside, check=True)
+        return self._missed(flow, end) <= CLOSES and chart.follows(self.y, flow.events, omega)
 
     def _as_begun(self, state: Array, status: NDArray[np.int64]) -> bool:
         """Return whether contacts are open or closed in a state in unknowns as their status says; runs take its word.
