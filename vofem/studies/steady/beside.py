@@ -27,6 +27,7 @@ from vofem.studies.steady.watched import (
     TOGETHER,
     Begun,
     Mark,
+    hit_near,
     is_among,
     mark_of,
     nearest_extreme,
@@ -97,7 +98,7 @@ def orbit_outside(
     own = [mark_of(chart, y, k) for k in range(len(chart.switches))]
     own = [one for one in own if law_of(point.problem, one.contact) != "stick"]
     found = [
-        Mark(e.contact, e.phase)
+        Mark(e.contact, e.phase, hit=e.hit)
         for e in point.evaluation.extremes
         if abs(e.height) <= rounding and not is_among(chart, [mark, *own], e.contact, e.phase)
     ]
@@ -145,10 +146,10 @@ def _without_length(
     """Return the orbit near a guess in which something has begun that has no length, and where in the orbit."""
     known = chart.evaluate(family.of(guess), guess[:-1], derivative=False, near=near)
     long, y, begins, ((_, k, _),) = _begun(known, chart, guess[:-1], [mark], touches=True)
-    at = with_length(family, long, np.append(y, guess[-1]), known.problem.size + k, 0.0, begins)
+    at = with_length(family, long, np.append(y, guess[-1]), known.problem.size + k - mark.hit, 0.0, begins)
     slides = law_of(at.problem, mark.contact) == "stick"
-    mark = mark._replace(phase=float(long.phases(at.y[:-1])[k]))
-    gone = [k - 1] if slides else [k - 1, k]
+    mark = mark._replace(phase=float(long.phases(at.y[:-1])[k - mark.hit]))
+    gone = [k - 1] if slides else [k - 1 - mark.hit, k]
     y = np.append(long.edited(at.y[:-1], gone)[1], at.value)
     return point_at(family, chart, y, towards, near=long.begins_of(at.evaluation, gone)), mark
 
@@ -194,6 +195,13 @@ def _begun(
                 new = _slip(known, chart, phases, mark)
                 ends.append((len(added), len(added) + len(new) - 1, 2 - len(new)))
                 added += new
+            elif mark.hit:
+                # It begins before the impact and ends after it.
+                hit = hit_near(chart, phases, phase)
+                now, there = int(chart.statuses[hit][contact]), float(phases[hit])
+                ends.append((len(added), len(added) + 1, 0))
+                added.append((hit, there, Switch(contact, OPEN if now == CLOSED else CLOSED)))
+                added.append((hit + 1, there, Switch(contact, now)))
             elif law == "impact" and not touches:
                 ends.append((len(added), len(added), 0))
                 added.append((number, phase, Switch(contact, int(chart.statuses[number][contact]))))
@@ -210,7 +218,7 @@ def _begun(
 
 def _slip(known: Any, chart: Signature, phases: Array, mark: Mark) -> list[tuple[int, float, Switch]]:
     """Return what `Signature.edited` adds where a slider sticks or slides for no time; one switch where it turns."""
-    contact, phase, turns = mark
+    contact, phase, turns, _ = mark
     if turns:
         k = turn_near(chart, phases, contact, phase)
         return [(k, float(phases[k]), Switch(contact, PINNED))]
@@ -238,6 +246,8 @@ def lasting_of(problem: Any, chart: Signature, first: int, last: int) -> Begun:
     """Return what has begun; a slider may stop in a touch, which lasts before and after its stop."""
     if first == last:
         return Begun(first, last)
+    if chart.hit_between(first, last):
+        return Begun(first, last, (first + 1, last))
     stop = next((one for one in stops_of(problem, chart) if first < one.first < last), None)
     return Begun(first, last, ((first + last + 1) // 2,) if stop is None else (stop.first, stop.last + 1))
 
@@ -363,9 +373,10 @@ def away_along(family: Family, point: Point, marks: Sequence[Mark]) -> Array:
 
     def away(problem: Any, evaluation: Any, y: Array) -> list[float]:
         phases, found = chart.phases(y), []
-        z, _ = chart.modes_at(problem, evaluation, np.array([mark.phase for mark in marks]))
-        for k, mark in enumerate(marks):
-            contact, phase, turns = mark
+        places = [phases[hit_near(chart, phases, mark.phase)] if mark.hit else mark.phase for mark in marks]
+        z, _ = chart.modes_at(problem, evaluation, np.array(places))
+        for k, (mark, phase) in enumerate(zip(marks, places, strict=True)):
+            contact, turns = mark.contact, mark.turns
             if turns:
                 found.append(evaluation.margins[turn_near(chart, phases, contact, phase)][0])
                 continue

@@ -208,7 +208,9 @@ def _extremes_along(
     They are NaN where one is at the other end alone. `along`: factors of the derivatives along the branch.
     """
     extremes = paired(*(point.evaluation.extremes for point in ends))
-    pairs = [tuple(None if e is None else (Mark(e.contact, e.phase), e.height) for e in pair) for pair in extremes]
+    pairs = [
+        tuple(None if e is None else (Mark(e.contact, e.phase, hit=e.hit), e.height) for e in pair) for pair in extremes
+    ]
     pairs += [
         tuple((mark_of(one.chart, one.y, k), -one.evaluation.margins[k][0]) for one in ends)
         for k in ends[0].evaluation.margins
@@ -347,6 +349,7 @@ def _located(family: Family, now: Point, after: Point, change: Change) -> tuple[
             old.switches[k].contact,
             float(phases[during[p, k].first] if (p, k) in during else 0.5 * (phases[p] + phases[k])),
             turns_between(old, p, k) and old.switches[p].status == PINNED,
+            old.hit_between(p, k),
         )
         for p, k in pairs
     ]
@@ -355,7 +358,7 @@ def _located(family: Family, now: Point, after: Point, change: Change) -> tuple[
     begins = old.begins_of(near.evaluation, gone)
     outer, every = orbit_outside(family, out, np.append(y, guess[-1]), middles[0], upwards, begins)
     ended: list[Mark] = []
-    for contact, middle, turns in middles:
+    for contact, middle, turns, _ in middles:
         mine = [mark for mark in every if mark.contact == contact and mark.turns == turns]
         ended += sorted(mine, key=lambda mark: abs(mark.phase - middle))[:1]
     if len(set(ended)) < len(pairs):

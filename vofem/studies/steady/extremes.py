@@ -29,12 +29,15 @@ class Extreme(NamedTuple):
 
     The height is positive on the wrong side, where the contact would switch. Sliders have them too: of their speeds
     while they slide, of their reactions over their limits while they stick, and where they come to rest.
+
+    `hit`: whether the gap function has a corner there, at an impact on a rigid stop that ends the segment.
     """
 
     contact: int
     segment: int
     phase: float
     height: float
+    hit: bool = False
 
 
 def turning_points(

@@ -579,7 +579,8 @@ class Follower:
         """Let the branch be over at an end of the interval."""
         self._over = True
         values = [point.value for point in (*self.points, *(mark.point for mark in self.special))]
-        if end != self.family.interval.start or len(values) < 2:
+        began = abs(self.points[0].value - end) <= _SAME * self.family.interval.size
+        if end != self.family.interval.start or not began or len(values) < 2:
             return
         farthest = max(values, key=lambda value: abs(value - end))
         one, other = self.points[0].unknowns(), self.points[-1].unknowns()

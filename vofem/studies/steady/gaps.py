@@ -81,7 +81,27 @@ class Gaps:
         for stop in stops_of(self.problem, self.chart):
             begun = int(np.searchsorted(of, stop.first, side="right"))
             rates[stop.held, max(begun - 1, 0) : begun + 1] = 0.0
-        return sorted([*self.among(of, tau, u, rates), *slips])
+        return sorted([*self.among(of, tau, u, rates), *slips, *self._corners()])
+
+    def _corners(self) -> list[Extreme]:
+        """Return the extremes of gap functions at impacts on rigid stops, which turn them at once."""
+        laws, rows, path, n = (
+            self.problem.system.contacts,
+            self.problem.space.contacts,
+            self.path,
+            self.problem.space.size,
+        )
+        assert laws is not None
+        found = list[Extreme]()
+        for k in (k for k, stop in enumerate(self.chart.struck) if stop >= 0):
+            status = self.chart.statuses[k]
+            signs = np.where(status == CLOSED, -1.0, 1.0)
+            heights = signs * (rows @ path.ends[k, :n] - laws.gap) / self.size_of(range(len(laws)))
+            before, after = (signs * (rows @ states[n:]) for states in (path.ends[k], path.begins[k + 1]))
+            turns = (before > 0.0) & (after < 0.0) & (status < PINNED) & ~laws.rigid
+            phase = float(path.times[k] + path.durations[k]) * self.problem.loads.omega
+            found += [Extreme(j, k, phase, float(heights[j]), True) for j in np.flatnonzero(turns).tolist()]
+        return found
 
     def _slips(self, of: Integers, tau: Array, rates: Array) -> list[Extreme]:
         """Return the extremes of sliders.

@@ -65,15 +65,17 @@ def load_period(what: str, system: System, period: float | None = None) -> LoadP
         omega = _fundamental(what, frequencies)
     elif resting := _at_rest(system):
         raise ArgumentError(
-            f"{what}: {resting} has the frequency 0 here and is constant, so nothing sets the period; begin at a small "
-            "positive frequency, or give period= in s"
+            f"{what}: {resting} has the frequency 0 here and is constant, so nothing sets the period; "
+            f"{_or_period(what)}begin at a small positive frequency"
         )
     elif bent := with_corners(system):
-        raise ArgumentError(f"{what}: {bent} has no harmonics that set its period; give period= in s")
+        raise ArgumentError(
+            f"{what}: {bent} has no harmonics that set its period; {_or_period(what)}write it with Sine and sums of it"
+        )
     else:
         raise ArgumentError(
             f"{what}: no load varies in time, so nothing sets the period. Add a load such as "
-            "PointLoad(point, Sine(...)), give period= in s, or follow free oscillations with vofem.backbone"
+            f"PointLoad(point, Sine(...)), {_or_period(what)}follow free oscillations with vofem.backbone"
         )
     found = LoadPeriod(float(omega))
     for load in system.loads:
@@ -102,10 +104,15 @@ def _frequencies(what: str, load: Load, period: float | None, still: bool = Fals
         return [w for w, amplitude in function.piece(0.0).harmonics if w > 0.0 and (still or amplitude != 0.0)]
     if period is None:
         raise ArgumentError(
-            f"{what}: {load.name} is a function whose period is not known; give period= in s, or write the load "
-            "with Sine and sums of it"
+            f"{what}: {load.name} is a function whose period is not known; {_or_period(what)}write the load with Sine "
+            "and sums of it"
         )
     return []
+
+
+def _or_period(what: str) -> str:
+    """Return the advice to give the period where a function takes it, as the begin of a choice."""
+    return "give period= in s, or " if what in ("periodic", "stroboscope") else ""
 
 
 def _at_rest(system: System) -> str:

@@ -128,20 +128,23 @@ class Sheets:
         family = self.family.over(2 * self.family.periods) if doubles else self.family.over(self.family.periods)
         start = self._origin(point, family, doubles)
         direction = self._direction(family, start, special, doubles)
-        last: ConvergenceError | None = None
+        why = ""
         known = self.walker
         for factor in _TRIED:
             walker = Follower(family, largest=known.largest, most=known.most, seconds=known.seconds)
             try:
                 walker.follow(replace(start, tangent=direction), FIRST * factor, leaving=True)
             except ConvergenceError as error:
-                last = error
+                why = f": {error}"
                 continue
             if len(walker.points) > 1:
-                return branch_of(walker)
+                found = branch_of(walker)
+                if len(found):
+                    return found
+                why = f": {'; '.join(found.notes)}"
         raise ConvergenceError(
             f"switch: no orbit was found beside the {special.kind} at {special.value:.12g}"
-            + (f": {last}" if last else "")
+            + why
             + _where_one_sticks(point)
         )
 

@@ -171,6 +171,10 @@ class Switches:
                     found.append((partner, k))
         return found
 
+    def hit_between(self, p: int, k: int) -> bool:
+        """Return whether between two switches nothing happens but an impact on a rigid stop."""
+        return k == p + 2 and self.struck[p + 1] >= 0
+
     def edited(
         self, y: Array, gone: Sequence[int] = (), added: Sequence[tuple[int, float, Switch]] = ()
     ) -> tuple[Self, Array, list[int]]:

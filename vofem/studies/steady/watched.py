@@ -53,11 +53,13 @@ class Mark(NamedTuple):
     """Where in an orbit a contact may begin to touch, or a slider to stick or to slide: phase in rad.
 
     `turns`: whether it is a slider that turns there.
+    `hit`: whether an impact on a rigid stop turns the contact's motion there.
     """
 
     contact: int
     phase: float
     turns: bool = False
+    hit: bool = False
 
 
 class Change(NamedTuple):
@@ -85,6 +87,14 @@ def turn_near(chart: Signature, phases: Array, contact: int, phase: float) -> in
     mine = [k for k, s in enumerate(chart.switches) if s.contact == contact and s.status > PINNED]
     mine = [k for k in mine if chart.statuses[k][contact] > PINNED]
     return min(mine, key=lambda k: abs(float(phases[k]) - phase))
+
+
+def hit_near(chart: Signature, phases: Array, phase: float) -> int:
+    """Return the impact on a rigid stop that is the nearest to a phase."""
+    hits = [k for k, stop in enumerate(chart.struck) if stop >= 0]
+    if not hits:
+        raise ConvergenceError("an impact at which another contact begins to touch is no longer there")
+    return min(hits, key=lambda k: abs(float(phases[k]) - phase))
 
 
 def turns_between(chart: Signature, p: int, k: int) -> bool:
@@ -224,7 +234,7 @@ def newly_touching(now: Point, after: Point, flow: Flow | None = None) -> list[C
         if near is not None:
             share = min(max(-near.height, 0.0) / (e.height + max(-near.height, 0.0)), 1.0)
             phase = near.phase + share * (e.phase - near.phase)
-        found.append(Change(share, begins=Mark(e.contact, phase)))
+        found.append(Change(share, begins=Mark(e.contact, phase, hit=e.hit)))
     return found
 
 
