@@ -572,3 +572,20 @@ def test_a_branch_that_is_lost_at_a_jump_holds_no_orbit_that_is_none(sides):
     )  # fmt: skip
     assert "lost" in branch.notes[-1]
     assert max(orbit.residual for orbit in branch.orbits) < 1e-9
+
+
+@pytest.mark.parametrize("ends", [(0.3, 3.0), (3.0, 0.3)])
+def test_a_branch_goes_on_where_the_stops_of_a_slider_become_more(ends):
+    """At 0.4399 rad/s the branch turns by nearly a right angle, as seen in a wide interval."""
+
+    def scene(omega):
+        load = vf.Sine(1.0, omega)
+        return oscillator(load, lambda m: vf.Friction(m, coefficient=0.5, normal=1.2, stiffness=2.0), damping=0.05)
+
+    branch = vf.continuation(lambda omega: scene(omega)[0], *ends)
+    assert branch.values[-1] == ends[-1]
+    assert not branch.notes
+    assert not branch.special
+    for value in (0.43, 0.45):
+        (found,), (own, mass) = branch.at(value), scene(value)
+        assert found.amplitude(found.scene.bodies[0]) == pytest.approx(vf.periodic(own).amplitude(mass), rel=1e-9)

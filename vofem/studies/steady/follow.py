@@ -301,7 +301,7 @@ class Follower:
     def _ending(self, now: Point, step: float) -> tuple[Point, float] | None:
         """Pass what no step reaches: a grazing at which several touches end, or touches that turn into a rest."""
         if not now.chart.segmented:
-            return None
+            return self._around_corner(now, step)
         if self._ahead[0] is not now:
             self._ahead = now, None
             with contextlib.suppress(ConvergenceError, np.linalg.LinAlgError):
@@ -361,6 +361,23 @@ class Follower:
                     f"too short to be told apart{what_contacts_do(now)}. Special points there are not listed"
                 )
                 return self._passed(now, passed, step)
+        return None
+
+    def _around_corner(self, now: Point, step: float) -> tuple[Point, float] | None:
+        """Return the orbit at a value a short step ahead, where a branch by harmonic balance turns at once.
+
+        It does so where the number of stops of a slider changes; then it may turn by any angle in its unknowns.
+        """
+        way, guess = float(np.copysign(1.0, now.tangent[-1])), now.y.copy()
+        guess[-1] += way * step * self.family.interval.size
+        if step > _SHORT or self.family.interval.left(float(guess[-1])):
+            return None
+        with contextlib.suppress(ConvergenceError, np.linalg.LinAlgError):
+            y, evaluation = corrected(self.family, now.chart, guess, now.scales, None, now.by_value)
+            after = point_at(self.family, now.chart, y, level(y.size, way), evaluation)
+            if after.tangent[-1] * way > 0.0 and Step(now, after).length <= _NEAR:
+                self._take(after, None, self._examined(Step(now, after), 0.0) or ())
+                return after, step
         return None
 
     @staticmethod
