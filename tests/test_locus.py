@@ -250,6 +250,8 @@ def test_bad_arguments(flips, branches):
         vf.locus(nlvib_03, vf.SpecialPoint("grazing", special.value, special.orbit, "none"), 0.1, 0.2)
     with pytest.raises(ArgumentError, match="no complex multipliers"):
         vf.locus(damped, vf.SpecialPoint("neimark_sacker", flip.value, flip.orbit), 1.2, 1.3)
+    with pytest.raises(ArgumentError, match=r"no period_doubling: .* nearest to -1 is"):
+        vf.locus(nlvib_03, vf.SpecialPoint("period_doubling", special.value, special.orbit), 0.1, 0.2)
     orbit = vf.periodic(damped(3.0, 1.2), method="harmonic_balance", harmonics=5)
     with pytest.raises(MethodError, match="harmonic balance"):
         vf.locus(damped, vf.SpecialPoint("period_doubling", 3.0, orbit), 1.2, 1.3)

@@ -88,6 +88,16 @@ def test_two_points_of_a_stop_are_two(mass):
         vf.CrushingStop(mass, mass, **given)
 
 
+def test_a_mass_may_be_named_where_a_point_is_meant():
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="m")
+    scene = vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, 2.0))])
+    result, orbit = vf.simulate(scene, 1.0), vf.periodic(scene)
+    assert np.array_equal(result.displacement("m"), result.displacement(mass))
+    assert orbit.amplitude("m") == orbit.amplitude(mass)
+    with pytest.raises(vf.ArgumentError, match="'m'"):
+        result.displacement("n")
+
+
 def test_rayleigh_damping_in_proportion_to_mass_alone():
     assert vf.RayleighDamping(0.1).beta == 0.0
 

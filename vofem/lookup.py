@@ -43,9 +43,12 @@ def the_beam(bodies: Iterable[Body], body: Any) -> Beam:
 
 
 def row_of(bodies: Iterable[Body], point: Any) -> tuple[Body, Row]:
-    """Return the body of a point and the point's row on it, resolved by the body's name and x."""
+    """Return the body of a point, or of the name of a mass, and the point's row on it, resolved by name and x."""
+    bodies = tuple(bodies)
+    if isinstance(point, str):
+        point = body_named(bodies, point)
     if not isinstance(point, Point):
-        raise wrong("point", repr(point), "beam.at(x) or a Mass")
+        raise wrong("point", repr(point), "beam.at(x), a Mass or its name")
     body = body_named(bodies, point.body)
     return body, body.resolve(point)
 

@@ -184,18 +184,13 @@ def crossings(family: Family, step: Step, earlier: Step | None, notes: list[str]
     return sorted(found, key=lambda one: one.place)
 
 
-def hidden_beside(at: Point, before: Point, after: Point) -> list[str]:
-    """Return a note where multipliers pass the unit circle between a grazing and the first orbit with its touch.
+def hidden_beside(before: Point, after: Point) -> bool:
+    """Return whether multipliers pass the unit circle between a grazing and the first orbit with its touch.
 
     Where forces do not jump, multipliers before and beyond a grazing are the same.
     """
     changes = _changes(census(before), census(after))
-    if changes is None or not any(changes):
-        return []
-    return [
-        f"special points between {at.value:.12g}, where a contact is grazed, and {after.value:.15g} beside it may be "
-        "missing: multipliers pass the unit circle there, before the touch is long enough to be followed"
-    ]
+    return changes is not None and any(changes)
 
 
 def _end(point: Point, place: float) -> _End:

@@ -118,6 +118,8 @@ class Follower:
     _accumulated: float = field(default=np.inf, init=False)
     #: Begins and ends of steps in which touches turn into a rest, or a rest into touches.
     _rests: list[tuple[float, float]] = field(default_factory=list, init=False)
+    #: Grazings beside which special points may hide.
+    _hiding: list[float] = field(default_factory=list, init=False)
     #: The point from which the end of touches was looked for last, and what was found.
     _ahead: tuple[Point | None, Passage | None] = field(default=(None, None), init=False)
 
@@ -184,6 +186,12 @@ class Follower:
         self._count("flows")
         if self._rests:
             self.notes.insert(0, self._rests_told())
+        if self._hiding:
+            places = ", ".join(f"{value:.12g}" for value in self._hiding)
+            self.notes.append(
+                f"special points just beyond the grazing{'s' * (len(self._hiding) > 1)} at {places} may be missing: multipliers pass the unit circle "
+                "there, before the touch is long enough to be followed"
+            )
         self.special.sort(key=lambda mark: mark.place)
         self.counters.points, self.counters.check_flows = len(self.points), self.family.work.checks
         self.counters.eigensolves = self.family.work.runs.eigensolves
@@ -418,7 +426,7 @@ class Follower:
             return last, step
         smooth = not (laws.jumps.any() or laws.rigid.any() or last.problem.given.sliders)
         if smooth and isinstance(last.chart, Signature):
-            self.notes += hidden_beside(passed.at, last, passed.after)
+            self._hiding += [passed.at.value] * hidden_beside(last, passed.after)
         self._take(passed.after)
         return self._recentred(passed.after, least=0.0), min(FIRST, self.largest)
 

@@ -34,6 +34,9 @@ _SAME = 1e-6
 #: Residual of the given orbit, over the size of the motion, up to which it belongs to the scene.
 _ORBIT = 1e-5
 
+#: Distance of a multiplier from -1 up to which an orbit may be a period doubling.
+_FLIPS = 0.1
+
 #: Length in rad up to which a touch, and height up to which an extreme of a gap function, is a grazing.
 _SHORT, _LOW = 1e-3, 1e-5
 
@@ -281,6 +284,13 @@ def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interv
         family = family.over(shortest)
         problem = family.at(value, interval.start)
         inner, y = charted(problem, problem.from_orbit(orbit))
+    elif kind == "period_doubling":
+        nearest = min(known.multipliers.tolist(), key=lambda one: abs(one + 1.0))
+        if abs(nearest + 1.0) > _FLIPS:
+            raise ArgumentError(
+                f"locus: special is no period_doubling: the multiplier of its orbit that is nearest to -1 is "
+                f"{nearest:.3g}. Expected an entry of branch.special"
+            )
     held = -1
     if kind == "grazing":
         inner, y, held = _touch(problem, inner, y, special)

@@ -232,7 +232,7 @@ class PeriodicOrbit(Shown):
 
         Parameters
         ----------
-        point : point of a body
+        point : point of a body, or the name of a mass
 
         Returns
         -------
@@ -255,7 +255,7 @@ class PeriodicOrbit(Shown):
 
         Parameters
         ----------
-        point : point of a body
+        point : point of a body, or the name of a mass
         count : int
             Number of harmonics beyond the mean.
 
