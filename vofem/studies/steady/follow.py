@@ -188,9 +188,10 @@ class Follower:
             self.notes.insert(0, self._rests_told())
         if self._hiding:
             places = ", ".join(f"{value:.12g}" for value in self._hiding)
+            several = "s" if len(self._hiding) > 1 else ""
             self.notes.append(
-                f"special points just beyond the grazing{'s' * (len(self._hiding) > 1)} at {places} may be missing: multipliers pass the unit circle "
-                "there, before the touch is long enough to be followed"
+                f"special points just beyond the grazing{several} at {places} may be missing: multipliers pass the unit "
+                "circle there, before the touch is long enough to be followed"
             )
         self.special.sort(key=lambda mark: mark.place)
         self.counters.points, self.counters.check_flows = len(self.points), self.family.work.checks
