@@ -190,8 +190,8 @@ class Follower:
             places = ", ".join(f"{value:.12g}" for value in self._hiding)
             several = "s" if len(self._hiding) > 1 else ""
             self.notes.append(
-                f"special points just beyond the grazing{several} at {places} may be missing: multipliers pass the unit "
-                "circle there, before the touch is long enough to be followed"
+                f"special points just beyond the grazing{several} at {places} may be missing: multipliers pass the "
+                "unit circle there, before the touch is long enough to be followed"
             )
         self.special.sort(key=lambda mark: mark.place)
         self.counters.points, self.counters.check_flows = len(self.points), self.family.work.checks
