@@ -99,7 +99,8 @@ def backbone(
     """
     as_scene("backbone", scene)
     if (energies is None) == (amplitudes is None):
-        raise ArgumentError("backbone: give either energies or amplitudes, and not both")
+        both = "neither is" if energies is None else "both are"
+        raise ArgumentError(f"backbone: give either energies or amplitudes; {both} given")
     levels = np.atleast_1d(array("backbone: energies or amplitudes", energies if amplitudes is None else amplitudes))
     if levels.ndim != 1 or not levels.size or np.any(levels < TINY):
         raise ArgumentError(
@@ -314,7 +315,9 @@ class _Search:
         if walker.interrupted:
             raise KeyboardInterrupt
         if walker.points[-1].value != level:
-            raise _not_reached(walker.points, "energy" if self.dof < 0 else "amplitude", level, walker.notes[-1])
+            # What one does about a branch that is lost is no advice here.
+            why = walker.notes[-1].partition(". To go on")[0]
+            raise _not_reached(walker.points, "energy" if self.dof < 0 else "amplitude", level, why)
         return self.solved(walker.points[-1].y[:-1], level)
 
     def solved(self, guess: Array, level: float) -> Array:
