@@ -274,9 +274,9 @@ def test_an_elastic_contact_switches_at_an_impact() -> None:
 def test_an_impact_throws_a_body_against_an_elastic_contact(side: str, gap: float, kinds: int) -> None:
     """The gap has a corner at the impact: a touch around it begins with speeds on both sides, and no square root."""
 
-    def scene(load: float) -> vf.Scene:
+    def scene(load: float, at: float = gap) -> vf.Scene:
         a, b = vf.Mass(1.0, stiffness=1.0, damping=0.08, name="a"), vf.Mass(0.5, stiffness=0.8, damping=0.05, name="b")
-        wall = vf.Contact(b, gap=gap, stiffness=30.0, side=side, acts_on="penetration", name="wall")
+        wall = vf.Contact(b, gap=at, stiffness=30.0, side=side, acts_on="penetration", name="wall")
         stop = vf.RigidStop(a, b, gap=0.2, restitution=0.6, name="stop")
         return vf.Scene([a, b], [stop, wall, vf.Spring(a, b, stiffness=0.4), vf.PointLoad(a, vf.Sine(load, 1.1))])
 
@@ -288,7 +288,14 @@ def test_an_impact_throws_a_body_against_an_elastic_contact(side: str, gap: floa
     for one, other in zip(up.special, reversed(down.special), strict=True):
         assert (one.kind, one.contact) == (other.kind, other.contact)
         assert one.value == pytest.approx(other.value, rel=1e-9)
-    (touch,) = [one.orbit.result for one in up.special if one.contact == "wall"]
+    (grazing,) = [one for one in up.special if one.contact == "wall"]
+    locus = vf.locus(scene, grazing, gap, gap - 0.01)
+    beside = vf.continuation(lambda load: scene(load, gap - 0.01), 0.25, 0.75)
+    assert locus.values[-1, 1] == gap - 0.01
+    assert locus.values[-1, 0] == pytest.approx(
+        next(one.value for one in beside.special if one.contact == "wall"), rel=1e-12
+    )
+    touch = grazing.orbit.result
     hits = touch.contacts["stop"].impacts.closing
     height = {"above": 1.0, "below": -1.0}[side] * touch.displacement(touch.scene.bodies[1], hits)
     assert np.min(np.abs(height - gap)) < 1e-12

@@ -196,12 +196,8 @@ def _begun(
                 ends.append((len(added), len(added) + len(new) - 1, 2 - len(new)))
                 added += new
             elif mark.hit:
-                # It begins before the impact and ends after it.
-                hit = hit_near(chart, phases, phase)
-                now, there = int(chart.statuses[hit][contact]), float(phases[hit])
                 ends.append((len(added), len(added) + 1, 0))
-                added.append((hit, there, Switch(contact, OPEN if now == CLOSED else CLOSED)))
-                added.append((hit + 1, there, Switch(contact, now)))
+                added += touch_around(chart, phases, contact, phase)
             elif law == "impact" and not touches:
                 ends.append((len(added), len(added), 0))
                 added.append((number, phase, Switch(contact, int(chart.statuses[number][contact]))))
@@ -270,6 +266,16 @@ def touch(
     now = chart.statuses[first]
     there = [(first, begins, Switch(j, OPEN if now[j] == CLOSED else CLOSED)) for j in contacts]
     return there + [(last, ends, Switch(j, int(now[j]))) for j in contacts]
+
+
+def touch_around(chart: Signature, phases: Array, contact: int, phase: float) -> list[tuple[int, float, Switch]]:
+    """Return what `Signature.edited` adds for a touch of length zero that begins before an impact and ends after it."""
+    hit = hit_near(chart, phases, phase)
+    now, there = int(chart.statuses[hit][contact]), float(phases[hit])
+    return [
+        (hit, there, Switch(contact, OPEN if now == CLOSED else CLOSED)),
+        (hit + 1, there, Switch(contact, now)),
+    ]
 
 
 def orbit_beyond(

@@ -77,7 +77,7 @@ class ExtendedEvaluation(Evaluation):
     bend: float = np.nan
     critical: tuple[complex, ...] = ()  #: The multipliers that make the orbit special.
     turned: float = 1.0  #: Inverse cosine of the largest angle between a null vector and its border.
-    held: int = -1  #: Number of the switch that ends the touch of length zero of a grazing.
+    held: int = -1  #: Number of the switch behind the one that begins the touch of length zero of a grazing.
 
     def __getattr__(self, name: str) -> Any:
         """Return what is known of the orbit: sizes, motion, extremes, and whether it repeats."""
@@ -102,7 +102,7 @@ class ExtendedEvaluation(Evaluation):
         if self.held < 0:
             return found
         chart, phase = self.orbit.chart, float(self.orbit.chart.phases(self.orbit.y)[self.held])
-        contact = chart.switches[self.held].contact
+        contact = chart.switches[self.held - 1].contact
         return [e for e in found if e.contact != contact or not chart.alike(e.phase, phase)]
 
     @cached_property
@@ -111,7 +111,7 @@ class ExtendedEvaluation(Evaluation):
         if self.held < 0:
             return self.orbit
         inner: Signature = self.orbit.chart
-        gone = [_begin_of(inner, self.held), self.held]
+        gone = _touch_of(inner, self.held)
         chart, y, _ = inner.edited(self.orbit.y, gone)
         return chart.evaluate(self.orbit.problem, y, near=inner.begins_of(self.orbit, gone)).stripped()
 
@@ -138,9 +138,9 @@ class ExtendedEvaluation(Evaluation):
         return replace(self, orbit=self.orbit.stripped())
 
 
-def _begin_of(chart: Any, end: int) -> int:
-    """Return the number of the switch that begins the touch which ends with another one; -1 without such a touch."""
-    return next((p for p, k in chart.touches if k == end), -1)
+def _touch_of(chart: Any, held: int) -> tuple[int, int]:
+    """Return the switches that begin and end the touch with a switch that is held; -1 and -1 where none is."""
+    return next((pair for pair in chart.touches if pair[0] == held - 1), (-1, -1))
 
 
 class Extended:
@@ -152,7 +152,8 @@ class Extended:
     `family`: orbits over two parameters.
     `kind`: as in `SpecialPoint`.
     `size`: scale of `value`.
-    `held`: number of the switch that ends the touch of length zero of a grazing.
+    `held`: number of the switch behind the one that begins the touch of length zero of a grazing: its end, or the
+    impact around which it lies.
     """
 
     #: Second differences need states that follow from the anchor.
@@ -176,21 +177,18 @@ class Extended:
     @cached_property
     def touches(self) -> list[tuple[int, int]]:
         """Pairs of switches of one contact of which the second undoes the first, without the touch of length zero."""
-        return [pair for pair in self.inner.touches if pair[1] != self.held]
-
-    @property
-    def _begin(self) -> int:
-        """Number of the switch that begins the touch of length zero; -1 without one."""
-        return _begin_of(self.inner, self.held)
+        return [pair for pair in self.inner.touches if pair[0] != self.held - 1]
 
     @cached_property
     def causes(self) -> list[int]:
-        """For every switch the first of those with which it happens: both of the touch of length zero are one."""
-        return [self._begin if k == self.held else cause for k, cause in enumerate(self.inner.causes)]
+        """For every switch the first of those with which it happens: those of the touch of length zero are one."""
+        begin, end = _touch_of(self.inner, self.held)
+        return [begin if begin < k <= end else cause for k, cause in enumerate(self.inner.causes)]
 
     def together(self, k: int) -> range:
         """Return the numbers of the switches that happen with one; see `Switches.together`."""
-        return range(k, self.inner.together(self.held if k == self._begin else k).stop)
+        begin, end = _touch_of(self.inner, self.held)
+        return range(k, self.inner.together(end if k == begin else k).stop)
 
     # -- equations ------------------------------------------------------------------------------------
 
@@ -442,7 +440,7 @@ class Extended:
         inner, changed, numbers = self.inner.edited(y[: -self.more], gone, added)
         held = self.held + sum(place <= self.held for place, _, _ in added) - sum(k < self.held for k in gone)
         if self.held in gone:
-            # The touch has been moved: it ends where its contact does so last.
+            # The touch has been moved.
             held = max(n for n, (*_, s) in zip(numbers, added, strict=True) if s == self.inner.switches[self.held])
         return self._like(inner, held), np.append(changed, y[-self.more :]), numbers
 

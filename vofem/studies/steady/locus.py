@@ -15,7 +15,7 @@ from vofem.errors import ArgumentError, ConvergenceError, MethodError
 from vofem.kernels.choice import by_need
 from vofem.progress import Progress
 from vofem.scene import Scene
-from vofem.studies.steady.beside import touch
+from vofem.studies.steady.beside import touch, touch_around
 from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import Curve
 from vofem.studies.steady.census import Test, pair_on_circle, pairs_at_one, real_at, turning
@@ -328,7 +328,7 @@ def _angle(values: Any) -> float:
 
 
 def _touch(problem: Shooting, inner: Any, y: Array, special: SpecialPoint) -> tuple[Any, Array, int]:
-    """Return the chart of a grazing, coordinates, and the number of the switch that ends its touch of length zero."""
+    """Return the chart of a grazing, coordinates, and the number of the switch behind the begin of its touch."""
     laws = problem.system.contacts
     assert laws is not None
     if special.contact not in laws.names:
@@ -338,13 +338,19 @@ def _touch(problem: Shooting, inner: Any, y: Array, special: SpecialPoint) -> tu
     contact = laws.names.index(special.contact)
     lengths = inner.lengths(y)
     for p, k in inner.touches:
-        if k == p + 1 and inner.switches[k].contact == contact and lengths[k] <= _SHORT:
-            return inner, y, k
+        alone = k == p + 1 or inner.hit_between(p, k)
+        if alone and inner.switches[k].contact == contact and lengths[p + 1 : k + 1].sum() <= _SHORT:
+            return inner, y, p + 1
     low = [e for e in inner.evaluate(problem, y).extremes if e.contact == contact]
     if not low or min(abs(e.height) for e in low) > _LOW:
         raise ArgumentError(
             f"locus: the orbit of special does not graze contact {special.contact!r}. Expected the grazing of a branch"
         )
     nearest = min(low, key=lambda e: abs(e.height))
-    chart, y, numbers = inner.edited(y, (), touch(problem, inner, y, [contact], nearest.phase, lasts=False))
-    return chart, y, numbers[1]
+    new = (
+        touch_around(inner, inner.phases(y), contact, nearest.phase)
+        if nearest.hit
+        else touch(problem, inner, y, [contact], nearest.phase, lasts=False)
+    )
+    chart, y, numbers = inner.edited(y, (), new)
+    return chart, y, numbers[0] + 1
