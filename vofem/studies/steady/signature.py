@@ -552,10 +552,8 @@ class Signature(Switches):
     @cached_property
     def _since(self) -> list[int | None]:
         """For every switch the one since which its coordinate has changed as much as nothing, if there is one."""
-        found = list(self.partners)
-        for p, k in self.touches:
-            # An impact turns what begins to touch before it and ceases to after it, however short the touch.
-            found[k] = None if self.hit_between(p, k) else p
+        # An impact turns what begins to touch before it and ceases to after it, however short the touch.
+        found = [None if p is None or self.hit_between(p, k) else p for k, p in enumerate(self.partners)]
         for p, k in self.successive:
             if self.struck[p] >= 0 and (self.struck[k] >= 0 or self.switches[k].status == PINNED):
                 # The time between two bounces may be as short as it likes.
