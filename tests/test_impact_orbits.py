@@ -299,3 +299,20 @@ def test_an_impact_throws_a_body_against_an_elastic_contact(side: str, gap: floa
     hits = touch.contacts["stop"].impacts.closing
     height = {"above": 1.0, "below": -1.0}[side] * touch.displacement(touch.scene.bodies[1], hits)
     assert np.min(np.abs(height - gap)) < 1e-12
+
+
+def test_a_long_step_to_a_grazing_of_a_rigid_stop_is_examined() -> None:
+    """Downwards a Neimark-Sacker point lies between the last orbit before the grazing at 1.273 and that grazing."""
+    a, b = vf.Mass(1.0, stiffness=1.0, damping=0.08, name="a"), vf.Mass(0.3118, stiffness=1.171, damping=0.05, name="b")
+    wall = vf.Contact(b, gap=0.3721, stiffness=2.96, side="above", acts_on="penetration", name="wall")
+    effects = [vf.RigidStop(a, b, gap=0.3036, restitution=0.7885, name="stop"), wall, vf.Spring(a, b, stiffness=0.4712)]
+
+    def scene(load: float) -> vf.Scene:
+        return vf.Scene([a, b], [*effects, vf.PointLoad(a, vf.Sine(0.564 * load, 0.9874))])
+
+    up = vf.continuation(scene, 0.5, 1.5)
+    down = vf.continuation(scene, 1.5, 0.5, guess=up.orbits[-1])
+    assert len(up.special) == 36
+    for one, other in zip(up.special, reversed(down.special), strict=True):
+        assert one.kind == other.kind
+        assert one.value == pytest.approx(other.value, rel=1e-8)

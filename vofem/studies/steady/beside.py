@@ -56,6 +56,9 @@ _FORCES = 1e-11
 #: needed: where the branch bends from there to other directions, rounding decides.
 _LONGER, _BENDS = (1e-6, 1e-5), (0.14, 0.99999)
 
+#: How often states in which segments begin follow those before until they are those of one orbit.
+_SETTLED = 2
+
 #: Steps in scaled coordinates to the first orbit beyond a grazing where forces jump or bodies rebound. Rounding grows
 #: the more the nearer the grazing; the first is taken of which an ordinary run tells that it repeats, or what it lacks.
 _NEAREST = (1e-5, 1e-4, 1e-3, 1e-2)
@@ -324,6 +327,9 @@ def orbit_beyond(
     # Elsewhere lengths, speeds and the parameter change together, and the branch has a direction.
     towards = np.zeros(y.size)
     towards[lengths or [-1]] = 1.0
+    for _ in range(_SETTLED):
+        # What is known may be far away, and speeds are roots of what segments miss.
+        near = States(y[:-1], chart.evaluate(problem, y[:-1], derivative=False, near=near).reached)
     at = point_at(family, chart, y, towards, near=near)
 
     def speeds(problem: Any, evaluation: Any, _: Array) -> Array:
