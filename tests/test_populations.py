@@ -100,7 +100,9 @@ def test_special_points_beside_a_grazing_are_listed_or_told(stop):
     guess = masses_at(known)
     branch = vf.continuation(case.build, 0.2522, stop, guess=guess)
     found = Counter(one.kind for one in branch.special)
-    told = any("special points between 0.252214131112, where a contact is grazed" in note for note in branch.notes)
+    told = any(
+        "special points just beyond the grazing at 0.252214131112 may be missing" in note for note in branch.notes
+    )
     assert found == ({"grazing": 2} if told else {"grazing": 2, "neimark_sacker": 1, "branch_point": 1})
     assert [sum(abs(branch.orbits[k].multipliers) > 1.0) for k in (0, -1)] == [0, 3]
 

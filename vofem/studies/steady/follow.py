@@ -184,15 +184,10 @@ class Follower:
                 told = f"the limit of {self.seconds:g} s was reached at {now.value:.9g}; raise max_seconds to go on"
                 self._stopped(now, told)
         self._count("flows")
+        if self._hiding:
+            self.notes.insert(0, self._hiding_told())
         if self._rests:
             self.notes.insert(0, self._rests_told())
-        if self._hiding:
-            places = ", ".join(f"{value:.12g}" for value in self._hiding)
-            several = "s" if len(self._hiding) > 1 else ""
-            self.notes.append(
-                f"special points just beyond the grazing{several} at {places} may be missing: multipliers pass the "
-                "unit circle there, before the touch is long enough to be followed"
-            )
         self.special.sort(key=lambda mark: mark.place)
         self.counters.points, self.counters.check_flows = len(self.points), self.family.work.checks
         self.counters.eigensolves = self.family.work.runs.eigensolves
@@ -235,6 +230,14 @@ class Follower:
         if report(now.value):
             self.interrupted = True
             self.notes.append(f"interrupted at {now.value:.9g}, the end of the {self.noun}")
+
+    def _hiding_told(self) -> str:
+        """Return beside which grazings special points may hide."""
+        places, several = ", ".join(f"{value:.12g}" for value in self._hiding), "s" * (len(self._hiding) > 1)
+        return (
+            f"special points just beyond the grazing{several} at {places} may be missing: multipliers pass the unit "
+            "circle there, before the touch is long enough to be followed"
+        )
 
     def _rests_told(self) -> str:
         """Return where touches turn into a rest, or a rest into touches."""
