@@ -429,8 +429,8 @@ class Follower:
             self._over = True
             return last, step
         smooth = not (laws.jumps.any() or laws.rigid.any() or last.problem.given.sliders)
-        if smooth and isinstance(last.chart, Signature):
-            self._hiding += [passed.at.value] * hidden_beside(last, passed.after)
+        if smooth and isinstance(last.chart, Signature) and hidden_beside(last, passed.after):
+            self._hiding.append(passed.at.value)
         self._take(passed.after)
         return self._recentred(passed.after, least=0.0), min(FIRST, self.largest)
 

@@ -85,21 +85,20 @@ class Gaps:
 
     def _corners(self) -> list[Extreme]:
         """Return the extremes of gap functions at impacts on rigid stops, which turn them at once."""
-        laws, rows, path, n = (
-            self.problem.system.contacts,
-            self.problem.space.contacts,
-            self.path,
-            self.problem.space.size,
-        )
+        hits, found = [k for k, stop in enumerate(self.chart.struck) if stop >= 0], list[Extreme]()
+        if not hits:
+            return found
+        problem, path = self.problem, self.path
+        laws, rows, n = problem.system.contacts, problem.space.contacts, problem.space.size
         assert laws is not None
-        found = list[Extreme]()
-        for k in (k for k, stop in enumerate(self.chart.struck) if stop >= 0):
+        sizes = self.size_of(range(len(laws)))
+        for k in hits:
             status = self.chart.statuses[k]
             signs = np.where(status == CLOSED, -1.0, 1.0)
-            heights = signs * (rows @ path.ends[k, :n] - laws.gap) / self.size_of(range(len(laws)))
+            heights = signs * (rows @ path.ends[k, :n] - laws.gap) / sizes
             before, after = (signs * (rows @ states[n:]) for states in (path.ends[k], path.begins[k + 1]))
             turns = (before > 0.0) & (after < 0.0) & (status < PINNED) & ~laws.rigid
-            phase = float(path.times[k] + path.durations[k]) * self.problem.loads.omega
+            phase = float(path.times[k] + path.durations[k]) * problem.loads.omega
             found += [Extreme(j, k, phase, float(heights[j]), True) for j in np.flatnonzero(turns).tolist()]
         return found
 
