@@ -169,6 +169,82 @@ def drawn(seed):
     return Case(seed, title, law, is_beam, build, start, stop)
 
 
+def varied(seed):
+    """Return a case with what `drawn` does not draw.
+
+    These are rigid stops, contacts between bodies, contact dampers, preloads, friction, dashpots and several loads.
+    """
+    rng = random.Random(f"varied {seed}")
+    is_beam = rng.random() < 0.5
+    bodies, effects, load, points, title = (beam_of if is_beam else chain_of)(rng)
+    omega = float(vf.modes(vf.Scene(bodies, effects), 1).omega[0])
+    point = points[0]
+
+    def stiffness_at(where):
+        unit = [*effects, vf.PointLoad(where, vf.Sine(1.0, 1.0))]
+        return 1.0 / float(compliance(bodies, unit, where, [0.0])[0])
+
+    static, told = stiffness_at(point), []
+    other = vf.Mass(rng.uniform(0.2, 2.0) * static / omega**2, stiffness=static * rng.uniform(0.1, 2.0), name="other")
+    ratio, beside = decades(rng, np.log10(0.005), np.log10(0.05)), rng.random() < 0.6
+    if beside:
+        bodies = [*bodies, other]
+    if beside and rng.random() < 0.5:
+        effects.append(vf.Spring(point, other, stiffness=static * rng.uniform(0.05, 0.5)))
+    if rng.random() < 0.3:
+        effects.append(vf.Dashpot(point, damping=0.1 * static / omega * rng.random()))
+        told.append("a dashpot")
+    damping = vf.ModalDamping(ratio) if rng.random() < 0.5 else vf.RayleighDamping(ratio * omega, ratio / omega)
+    unit = [*effects, damping, vf.PointLoad(load, vf.Sine(1.0, 1.0))]
+    start, stop = omega * rng.uniform(0.55, 0.85), omega * rng.uniform(1.2, 1.8)
+    size = decades(rng, -2, 2) * (1e-3 * bodies[0].length if is_beam else 1.0)
+    amplitude = size / float(compliance(bodies, unit, load, [0.0])[0])
+    inside = np.linspace(start, stop, 801)
+    peak = amplitude * float(compliance(bodies, unit, point, inside).max())
+    stops = []
+    for name in rng.choice([("one",), ("one", "two")]):
+        gap = peak * decades(rng, -1, np.log10(0.95))
+        between = beside and rng.random() < 0.5
+        pair = {"a": other, "b": point} if between else {"a": point, "side": rng.choice(["above", "below"])}
+        if rng.random() < 0.35:
+            stops.append(vf.RigidStop(**pair, gap=gap, restitution=rng.choice([0.0, 0.2, 0.5, 0.8]), name=name))
+            told.append(f"{name} rigid, e {stops[-1].restitution:g}")
+        else:
+            gap *= rng.choice([1.0, 1.0, 1.0, -0.3])
+            hard = static * decades(rng, np.log10(0.5), 4)
+            lossy = rng.choice([0.0, 2.0 * rng.random() * ratio * hard / omega])
+            one = vf.Contact(**pair, gap=gap, stiffness=hard, damping=lossy, acts_on="penetration", name=name)
+            stops.append(one)
+            told.append(f"{name} at {gap / peak:.2f} peak, K0 {hard / static:.2g} static{', lossy' if lossy else ''}")
+        told[-1] += " between bodies" if between else ""
+    if rng.random() < 0.25 and not any(isinstance(one, vf.RigidStop) for one in stops):
+        stick = vf.Friction(
+            point,
+            coefficient=0.3,
+            normal=amplitude * decades(rng, -1, 0.5),
+            stiffness=static * decades(rng, 0, 2),
+            name="slider",
+        )
+        stops.append(stick)
+        told.append("a slider behind a spring")
+    phase, more = rng.choice([0.0, 0.5 * np.pi]), list[tuple[float, int]]()
+    if rng.random() < 0.4:
+        more.append((amplitude * rng.uniform(0.1, 1.0), rng.choice([2, 3])))
+        told.append(f"a load at {more[0][1]} times the frequency")
+    if rng.random() < 0.4:
+        stops.append(vf.PointLoad(load, vf.Constant(amplitude * rng.uniform(-1.0, 1.0)), name="weight"))
+        told.append("a weight")
+
+    def build(at):
+        loads = [vf.PointLoad(load, vf.Sine(amplitude, at, phase), name="load")]
+        loads += [vf.PointLoad(point, vf.Sine(f, times * at), name="fast") for f, times in more]
+        return vf.Scene(bodies, [*effects, damping, *stops, *loads])
+
+    kind = "modal" if isinstance(damping, vf.ModalDamping) else "Rayleigh"
+    title = f"{title}{' and a mass' if beside else ''}; {', '.join(told)}; {kind} {100 * ratio:.1f} %"
+    return Case(seed, title, "varied", is_beam, build, start, stop)
+
+
 @dataclass
 class Outcome:
     """What became of a branch.
@@ -299,14 +375,14 @@ def told(found):
     return f"{found.end} ({found.orbits} orbits, {len(found.special)} special, {found.seconds:.1f} s, {worst:.0e})"
 
 
-def campaign(first, last, patience=PATIENCE):
+def campaign(first, last, patience=PATIENCE, draw=drawn):
     """Print a line for each seed, and the shares of branches that arrived, orbits that repeat and lists that agree."""
     ends: dict[str, collections.Counter[str]] = {}
     reasons: collections.Counter[str] = collections.Counter()
     totals: collections.Counter[str] = collections.Counter()
     print("| seed | scene | upwards | downwards | special points differ by |\n| --- | --- | --- | --- | --- |")
     for seed in range(first, last + 1):
-        case = drawn(seed)
+        case = draw(seed)
         found = both_ways(case, patience)
         arrived = all(one.end == "other end" for one in found)
         apart = differing(case, *found) if arrived else None
@@ -343,11 +419,12 @@ def main():
     parser.add_argument("first", type=int)
     parser.add_argument("last", type=int)
     parser.add_argument("--patience", type=float, default=PATIENCE, help="processor time of a branch in s")
+    parser.add_argument("--varied", action="store_true", help="scenes with other stops, friction and loads")
     given = parser.parse_args()
     # Kernels are compiled before time counts.
     for case in map(drawn, (1, 31)):
         vf.continuation(case.build, case.start, case.stop, max_points=30)
-    campaign(given.first, given.last, given.patience)
+    campaign(given.first, given.last, given.patience, varied if given.varied else drawn)
 
 
 if __name__ == "__main__":

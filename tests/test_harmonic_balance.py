@@ -589,3 +589,34 @@ def test_a_branch_goes_on_where_the_stops_of_a_slider_become_more(ends):
     for value in (0.43, 0.45):
         (found,), (own, mass) = branch.at(value), scene(value)
         assert found.amplitude(found.scene.bodies[0]) == pytest.approx(vf.periodic(own).amplitude(mass), rel=1e-9)
+
+
+def test_a_branch_turns_at_a_corner():
+    """Where a slider stops once more, the branch turns at once: a fold without a level tangent, listed both ways."""
+    masses = [vf.Mass(1.0, stiffness=0.94, name="a"), vf.Mass(1.83, name="b"), vf.Mass(1.68, name="c")]
+    first, second, third = masses
+    rest = [
+        vf.Spring(first, second, stiffness=1.2),
+        vf.Spring(second, third, stiffness=1.7),
+        vf.ModalDamping(0.03),
+        vf.Contact(first, side="below", gap=-33.1, stiffness=19.0, damping=0.6, acts_on="penetration", name="stop"),
+        vf.Friction(first, coefficient=1.0, normal=10.6, stiffness=2.54, name="slider"),
+        vf.PointLoad(third, vf.Constant(-0.7512), name="weight"),
+    ]
+
+    def build(omega):
+        return vf.Scene(masses, [*rest, vf.PointLoad(third, vf.Sine(12.3, omega, 1.57), name="load")])
+
+    lists = []
+    for start, stop in ((0.438, 0.442), (0.442, 0.438)):
+        branch = vf.continuation(build, start, stop, harmonics=3)
+        assert branch.values[-1] == stop
+        assert not branch.notes
+        lists.append(sorted((point.value, point.kind) for point in branch.special))
+    assert [kind for _, kind in lists[0]] == ["fold"] * 4
+    np.testing.assert_allclose([value for value, _ in lists[0]], [value for value, _ in lists[1]], rtol=1e-11)
+    # The second one is the corner: just beside it rates of the parameter are far from zero on both sides.
+    corner = lists[0][0][0]
+    assert corner == pytest.approx(0.4396395612, rel=1e-9)
+    near = np.abs(branch.values - corner) < 1e-5
+    assert near.sum() >= 2

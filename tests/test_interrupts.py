@@ -189,3 +189,22 @@ def test_ctrl_c_at_the_end_of_a_branch_is_noted(foreground):
     assert branch.interrupted
     assert "interrupted at 0.6, the end of the branch" in branch.notes
     assert not vf.continuation(build, 0.5, 0.6, method="harmonic_balance", harmonics=1).interrupted
+
+
+@pytest.mark.parametrize("method", ["shooting", "harmonic_balance"])
+def test_a_branch_is_interrupted_within_a_step(foreground, method):
+    """A step may need hundreds of scenes; none is built once Ctrl-C was pressed."""
+    body, built = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="m"), []
+    stop = vf.Contact(body, gap=0.1, stiffness=5.0, side="above", acts_on="penetration", name="stop")
+
+    def build(omega):
+        built.append(omega)
+        if len(built) == 40:
+            press()
+        return vf.Scene([body], [stop, vf.PointLoad(body, vf.Sine(0.1, omega))])
+
+    branch = vf.continuation(build, 0.5, 1.5, method=method)
+    assert len(built) <= 42
+    assert branch.interrupted
+    assert branch.notes[-1].startswith("interrupted at ")
+    assert len(branch) > 1

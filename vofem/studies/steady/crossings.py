@@ -39,7 +39,7 @@ from vofem.studies.steady.census import (
 )
 from vofem.studies.steady.extended import Extended
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.point import Point, point_at
+from vofem.studies.steady.point import Point, corrected, point_at
 from vofem.studies.steady.shorter import at_flip, repeats
 from vofem.studies.steady.special import SpecialPoint, special_at
 
@@ -67,6 +67,9 @@ _MOST = 0.999
 
 #: The share of the step in which a value shows a jump that stays so large.
 _JUMP, _STAYS = 1e-4, 0.1
+
+#: The share of the way to a corner by which it is approached.
+_NEARER = 0.9
 
 #: Distance of a special point from an end of a part, as a share of it, up to which it is that end.
 _AT_END = 1e-9
@@ -457,6 +460,7 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
     """Return where a test function changes its sign, and its share of the step; None at a jump or a pole.
 
     Inverse quadratic interpolation is used where it is safe, and otherwise the bracket is halved (Chandrupatla, 1997).
+    By harmonic balance a branch has corners, at which it may turn: the rate of the parameter jumps there.
     """
     try:
         ends = test(step.first), test(step.last)
@@ -466,14 +470,16 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
         return None
     largest, fine, aside = max(map(abs, ends)), _FINE / step.length, _OTHER / step.length
     close = _CLOSE / step.length
-    known, every = dict[float, Point](), list[_Place]()
+    known, places = dict[float, Point](), list[_Place]()
     # The newest place, the one on the other side of the root, and the one that was left out last, with their values.
     a, b, c = (0.0, ends[0]), (1.0, ends[1]), None
     settled = False
+    corners = test is turning and not step.first.chart.segmented
     try:
         for _ in range(_TRIES):
             width = abs(b[0] - a[0])
-            jump = width <= _JUMP and min(abs(a[1]), abs(b[1])) > _STAYS * largest
+            left = abs(a[1] - b[1]) if corners else min(abs(a[1]), abs(b[1]))
+            jump = width <= _JUMP and left > _STAYS * largest
             if jump or width <= (close if settled else fine):
                 break
             moved = _portion(a, b, c) * width
@@ -484,7 +490,7 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
             share = a[0] + moved * np.sign(b[0] - a[0])
             known[share] = point_between(family, step, share, known, tangent=test is turning)
             value, before = test(known[share]), a
-            every.append((share, value))
+            places.append((share, value))
             if (value > 0.0) == (a[1] > 0.0):
                 # Close to the root a larger value is rounding.
                 if not (beside and moved <= close and abs(value) > abs(a[1])):
@@ -501,8 +507,13 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
     except ConvergenceError:
         # At a branch point the equations are singular; an orbit beside it is better than none.
         pass
+    if corners and abs(a[1] - b[1]) > _STAYS * largest:
+        every = {0.0: step.first, 1.0: step.last, **known}
+        at = _corner(family, *(every[share] for share in sorted((a[0], b[0]))))
+        if at is not None:
+            return at, float(Step(step.first, at).secant @ step.secant) / step.length**2
     # The parameter depends on the place of a turn by the square alone, and beside a branch point rates are rounding.
-    some, least = (every, _NEARLY_LEVEL) if test is turning else ([a, b], _VANISHES)
+    some, least = (places, _NEARLY_LEVEL) if test is turning else ([a, b], _VANISHES)
     value, share = min(((abs(value), float(share)) for share, value in some if share in known), default=(np.inf, 0.0))
     if value > least * largest or abs(b[0] - a[0]) > _BESIDE:
         return None
@@ -510,6 +521,36 @@ def root(family: Family, step: Step, test: Test) -> tuple[Point, float] | None:
     if test is not turning:
         at = point_at(family, at.chart, at.y, at.tangent, at.evaluation, scales=at.scales)
     return at, share
+
+
+def _corner(family: Family, before: Point, after: Point) -> Point | None:
+    """Return an orbit at a corner between two neighbours at which the branch turns; None if there is none.
+
+    The directions at both meet at the corner, which is approached from both sides.
+    """
+    for _ in range(_TRIES):
+        legs = np.column_stack([before.tangent, after.tangent * after.scales / before.scales])
+        far = np.linalg.lstsq(legs, Step(before, after).secant)[0]
+        if not far.min() > 0.0 or turning(before) * turning(after) >= 0.0:
+            return None
+        if far.max() <= _CLOSE:
+            corner = before.y + far[0] * before.tangent * before.scales
+            return point_at(family, before.chart, corner, before.tangent, scales=before.scales)
+        try:
+            before, after = (
+                _moved(family, one, way * _NEARER * distance * float(np.linalg.norm(leg)))
+                for one, way, distance, leg in zip((before, after), (1.0, -1.0), far, legs.T, strict=True)
+            )
+        except ConvergenceError:
+            return None
+    return None
+
+
+def _moved(family: Family, point: Point, distance: float) -> Point:
+    """Return the orbit at a distance along the direction of a branch."""
+    guess = point.y + distance * point.tangent * point.scales
+    y, evaluation = corrected(family, point.chart, guess, point.scales, point.tangent, point.by_value)
+    return point_at(family, point.chart, y, point.tangent, evaluation, scales=point.scales)
 
 
 def _portion(a: _Place, b: _Place, c: _Place | None) -> float:

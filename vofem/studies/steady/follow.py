@@ -20,7 +20,7 @@ from vofem.studies.steady.changes import Passage, ending, passage, resting
 from vofem.studies.steady.crossings import SHORTER, crossings, hidden_beside
 from vofem.studies.steady.family import Family, Interval
 from vofem.studies.steady.near import polished, signature_at
-from vofem.studies.steady.point import ORIGIN, Point, corrected, level, point_at, scales_of
+from vofem.studies.steady.point import ORIGIN, Point, corrected, level, point_at, scales_of, sided
 from vofem.studies.steady.problem import OutOfTime
 from vofem.studies.steady.reasons import what_contacts_do
 from vofem.studies.steady.shooting import CLOSES, Shooting, relative
@@ -172,17 +172,25 @@ class Follower:
         self._count("flows")
         self._leaving_another = leaving
         work = self.family.work
-        with branch_progress(self.family.interval, progress, self.family.what) as report:
+        with branch_progress(self.family.interval, progress, self.family.what) as (report, pressed):
             try:
-                with work.within(self.seconds):
+                with work.within(self.seconds, pressed):
                     self._walk(first, min(step, self.largest), report)
             except OutOfTime:
-                if self.seconds is None or time.monotonic() > work.until:
+                if not pressed() and (self.seconds is None or time.monotonic() > work.until):
                     # The limit is that of a search which this walk is a part of.
                     raise
                 now = self.points[-1]
-                told = f"the limit of {self.seconds:g} s was reached at {now.value:.9g}; raise max_seconds to go on"
+                self.interrupted = pressed()
+                told = f"the limit of {self.seconds} s was reached at {now.value:.9g}; raise max_seconds to go on"
+                if self.interrupted:
+                    told = f"interrupted at {now.value:.9g}: what was found until then is here"
                 self._stopped(now, told)
+            else:
+                if pressed():
+                    # What comes after the branch, such as pictures, is to hear of it too.
+                    self.interrupted = True
+                    self.notes.append(f"interrupted at {self.points[-1].value:.9g}, the end of the {self.noun}")
         self._count("flows")
         if self._hiding:
             self.notes.insert(0, self._hiding_told())
@@ -192,7 +200,7 @@ class Follower:
         self.counters.points, self.counters.check_flows = len(self.points), self.family.work.checks
         self.counters.eigensolves = self.family.work.runs.eigensolves
 
-    def _walk(self, now: Point, step: float, report: Callable[[float], bool]) -> None:
+    def _walk(self, now: Point, step: float, report: Callable[[float], None]) -> None:
         """Follow the branch from a point."""
         largest = 0.0
         while not self._over:
@@ -207,10 +215,8 @@ class Follower:
             if len(self.points) >= self.most:
                 self._stopped(now, f"the {self.noun} was followed for {self.most} points; raise max_points to go on")
                 return
-            if report(now.value):
-                self.interrupted = True
-                self._stopped(now, f"interrupted at {now.value:.9g}: what was found until then is here")
-                return
+            report(now.value)
+            self.family.work.begin()
             step, end = self._within(now, step)
             if end is not None and step <= 0.0:
                 self._ended(end)
@@ -226,10 +232,7 @@ class Follower:
                     self.notes.append(self._lost(now))
                     return
             now, step = after
-        # What comes after the branch, such as pictures, is to hear of it too.
-        if report(now.value):
-            self.interrupted = True
-            self.notes.append(f"interrupted at {now.value:.9g}, the end of the {self.noun}")
+        report(now.value)
 
     def _hiding_told(self) -> str:
         """Return beside which grazings special points may hide."""
@@ -376,19 +379,29 @@ class Follower:
         return None
 
     def _around_corner(self, now: Point, step: float) -> tuple[Point, float] | None:
-        """Return the orbit at a value a short step ahead, where a branch by harmonic balance turns at once.
+        """Return an orbit a short step beyond a corner of a branch by harmonic balance, where it may turn by any angle.
 
-        It does so where the number of stops of a slider changes; then it may turn by any angle in its unknowns.
+        It has corners where the number of stops of a slider changes. Beyond one it follows the direction that the
+        equations have there, and their determinant with this direction keeps its sign.
         """
-        way, guess = float(np.copysign(1.0, now.tangent[-1])), now.y.copy()
-        guess[-1] += way * step * self.family.interval.size
-        if step > _SHORT or self.family.interval.left(float(guess[-1])):
+        if step > _SHORT:
             return None
+        ahead = now.y + step * now.tangent * now.scales
         with contextlib.suppress(ConvergenceError, np.linalg.LinAlgError):
-            y, evaluation = corrected(self.family, now.chart, guess, now.scales, None, now.by_value)
-            after = point_at(self.family, now.chart, y, level(y.size, way), evaluation)
-            if after.tangent[-1] * way > 0.0 and Step(now, after).length <= _NEAR:
-                self._take(after, None, self._examined(Step(now, after), 0.0) or ())
+            beyond = point_at(self.family, now.chart, ahead, now.tangent, scales=now.scales)
+            if sided(beyond, now.tangent) != sided(now, now.tangent):
+                beyond = beyond.turned()
+            guess, after = ahead + step * beyond.tangent * now.scales, beyond
+            for _ in range(2):
+                y, evaluation = corrected(self.family, now.chart, guess, now.scales, after.tangent, after.by_value)
+                after = point_at(self.family, now.chart, y, after.tangent, evaluation, scales=now.scales)
+                way = Step(now, after)
+                # The way from end to end leads along both sides where the corner is as far from both.
+                legs = np.column_stack([now.tangent, after.tangent])
+                far = float(np.linalg.lstsq(legs, way.secant)[0][0])
+                guess = now.y + far * (now.tangent + after.tangent) * now.scales
+            if after.tangent @ beyond.tangent > _REFUSED and 0.0 < far and way.length <= _NEAR:
+                self._take(after, way, self._examined(way, 0.0) or ())
                 return after, step
         return None
 
@@ -647,17 +660,18 @@ def charted(problem: Any, unknowns: Array) -> tuple[Any, Array]:
 
 
 @contextlib.contextmanager
-def branch_progress(interval: Interval, progress: Progress, what: str) -> Iterator[Callable[[float], bool]]:
-    """Give a function that shows the parameter's value reached and returns whether Ctrl-C was pressed."""
+def branch_progress(
+    interval: Interval, progress: Progress, what: str
+) -> Iterator[tuple[Callable[[float], None], Callable[[], bool]]]:
+    """Give a function that shows the parameter's value reached, and one that returns whether Ctrl-C was pressed."""
     counting = "{task.completed:.4g} of {task.total:.4g} along the interval"
     farthest = 0.0
-    with TerminalBar((what, REPORTED), progress, interval.size, counting) as bar, deferred_interrupts() as interrupted:
+    with TerminalBar((what, REPORTED), progress, interval.size, counting) as bar, deferred_interrupts() as pressed:
 
-        def report(value: float) -> bool:
+        def report(value: float) -> None:
             nonlocal farthest
             # A branch goes back and forth: the bar shows the farthest value.
             farthest = max(farthest, min(abs(value - interval.start), interval.size))
             bar.update(farthest, report=(value, interval.stop))
-            return interrupted()
 
-        yield report
+        yield report, pressed

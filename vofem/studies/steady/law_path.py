@@ -17,7 +17,7 @@ import numpy as np
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.laws import LawGroup, LawSet
-from vofem.studies.steady.trigonometric import basis, crossings, rate, stretches
+from vofem.studies.steady.trigonometric import basis, crossings, rate, roots, stretches
 from vofem.system import System
 
 #: Gauss's rule on one panel, and the phase of the fastest product of harmonics that a panel may cover, rad.
@@ -204,13 +204,16 @@ def _with_past(laws: LawSet, j: int, series: Array, total: LawForce) -> bool:
     u = functions @ series
     state = laws.of(j)
     slopes = np.zeros((state.size, series.size))
+    # Internal variables where each stretch begins, and their derivatives by the series.
+    past: list[tuple[Array, Array]] = [(state, slopes)] * begin.size
 
     def carry(i: int) -> None:
         nonlocal slopes
         if total.derivative:
-            _, past, now = laws.past_slopes(j, u[i])
-            slopes = past @ slopes + np.outer(now, functions[i])
+            _, by_past, now = laws.past_slopes(j, u[i])
+            slopes = by_past @ slopes + np.outer(now, functions[i])
         laws.commit(j, u[i])
+        past[i] = state.copy(), slopes
 
     size = float(np.abs(series).sum())
     settled = False
@@ -223,11 +226,15 @@ def _with_past(laws: LawSet, j: int, series: Array, total: LawForce) -> bool:
         if np.all(change <= _SETTLED * (size + np.abs(before[1:]))):
             settled = True
             break
-    for i in range(begin.size):
-        levels = [level for level in laws.kinks(j) if np.isfinite(level)]
-        inside = [crossings(series, level, begin[i : i + 1], end[i : i + 1]) for level in levels]
-        cuts = np.concatenate([begin[i : i + 1], np.sort(np.concatenate([*inside, np.zeros(0)])), end[i : i + 1]])
-        for low, high in pairwise(cuts.tolist()):
+    kinks = []
+    for state[:], _ in past:
+        kinks.append(np.array(laws.kinks(j)))
+    levels, stretch = np.concatenate(kinks), np.repeat(np.arange(begin.size), [one.size for one in kinks])
+    crossed = (u[stretch] > levels) != (np.roll(u, -1)[stretch] > levels)
+    levels, stretch = levels[crossed], stretch[crossed]
+    inside = roots(series, begin[stretch], end[stretch], levels)
+    for i, (state[:], slopes) in enumerate(past):
+        for low, high in pairwise([begin[i], *np.sort(inside[stretch == i]), end[i]]):
             if high - low <= 0.0:
                 continue
             angles, weights = panels(low, high, harmonics + total.wanted)
@@ -242,7 +249,6 @@ def _with_past(laws: LawSet, j: int, series: Array, total: LawForce) -> bool:
                 share = tangent / tangent[middle] if tangent[middle] != 0.0 else np.ones(tangent.size)
                 by_series = tangent[:, None] * moving + np.outer(share, by_past @ slopes)
             total.add(angles, weights, force, by_series)
-        carry((i + 1) % begin.size)
     return settled
 
 

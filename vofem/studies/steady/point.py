@@ -268,3 +268,12 @@ def tangent_at(evaluation: Any, by_value: Array, scales: Array, towards: Array) 
     right[n] = 1.0
     found = direction(matrix, right)
     return np.asarray(found / np.linalg.norm(found))
+
+
+def sided(point: Point, direction: Array) -> float:
+    """Return the sign of the determinant of the equations of a branch at a point, with a direction as their last row."""
+    matrix = np.empty((point.y.size, point.y.size))
+    matrix[:-1, :-1] = point.evaluation.jacobian * point.scales[:-1]
+    matrix[:-1, -1] = point.by_value * point.scales[-1]
+    matrix[-1] = direction
+    return float(np.linalg.slogdet(matrix)[0])

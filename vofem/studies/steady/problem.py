@@ -15,7 +15,7 @@ from __future__ import annotations
 import contextlib
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -29,7 +29,11 @@ from vofem.system import Counters, System
 
 
 class OutOfTime(Exception):  # noqa: N818 (no error: what was found is returned)
-    """The time is over that was given for a search."""
+    """The time is over that was given for a search, or Ctrl-C was pressed."""
+
+
+def _never() -> bool:
+    return False
 
 
 @dataclass
@@ -41,20 +45,25 @@ class Work:
     checks: int = 0  #: Flows over orbits that are known, with which these are checked.
     runs: Counters = field(default_factory=Counters)  #: Work of these evaluations.
     until: float = np.inf  #: When the time is over, by `time.monotonic`.
+    pressed: Callable[[], bool] = _never  #: Whether Ctrl-C was pressed.
 
     @contextlib.contextmanager
-    def within(self, seconds: float | None) -> Iterator[None]:
-        """Limit the time for what follows, if a number of seconds is given; a limit around this one holds too."""
-        outer = self.until
-        self.until = outer if seconds is None else min(outer, time.monotonic() + seconds)
+    def within(self, seconds: float | None, pressed: Callable[[], bool] | None = None) -> Iterator[None]:
+        """Limit the time for what follows, if a number of seconds is given; a limit around this one holds too.
+
+        `pressed`: whether Ctrl-C was pressed, which ends the time.
+        """
+        outer = self.until, self.pressed
+        self.until = self.until if seconds is None else min(self.until, time.monotonic() + seconds)
+        self.pressed = pressed or self.pressed
         try:
             yield
         finally:
-            self.until = outer
+            self.until, self.pressed = outer
 
     def begin(self) -> None:
         """Raise `OutOfTime` if the time is over; every evaluation and every run begins with this."""
-        if time.monotonic() > self.until:
+        if time.monotonic() > self.until or self.pressed():
             raise OutOfTime
 
 

@@ -50,8 +50,8 @@ def to_real(coefficients: Complex) -> Array:
     return np.concatenate([coefficients.real, -coefficients[1:].imag])
 
 
-def roots(series: Array, low: Array, high: Array, level: float = 0.0) -> Array:
-    """Return the angles at which a series reaches a level, between angles on different sides of it, shape (k,)."""
+def roots(series: Array, low: Array, high: Array, level: Array | float = 0.0) -> Array:
+    """Return the angles at which a series reaches levels, between angles on different sides of them, shape (k,)."""
     harmonics, slope = series.size // 2, rate(series)
     low, high = low.copy(), high.copy()
     rising = basis(high, harmonics) @ series > basis(low, harmonics) @ series
@@ -100,10 +100,9 @@ def stretches(series: Array) -> tuple[Array, Array]:
     return turns, np.append(turns[1:], turns[0] + 2.0 * np.pi)
 
 
-def crossings(series: Array, level: float, begin: Array | None = None, end: Array | None = None) -> Array:
-    """Return the angles at which monotone stretches of a motion, by default all, cross a level, in their order."""
-    if begin is None or end is None:
-        begin, end = stretches(series)
+def crossings(series: Array, level: float) -> Array:
+    """Return the angles at which monotone stretches of a motion cross a level, in their order."""
+    begin, end = stretches(series)
     harmonics = series.size // 2
     before, after = basis(begin, harmonics) @ series > level, basis(end, harmonics) @ series > level
     crossed = before != after
