@@ -400,7 +400,7 @@ class Follower:
                 legs = np.column_stack([now.tangent, after.tangent])
                 far = float(np.linalg.lstsq(legs, way.secant)[0][0])
                 guess = now.y + far * (now.tangent + after.tangent) * now.scales
-            if after.tangent @ beyond.tangent > _REFUSED and 0.0 < far and way.length <= _NEAR:
+            if after.tangent @ beyond.tangent > _REFUSED and far > 0.0 and way.length <= _NEAR:
                 self._take(after, way, self._examined(way, 0.0) or ())
                 return after, step
         return None

@@ -271,7 +271,7 @@ def tangent_at(evaluation: Any, by_value: Array, scales: Array, towards: Array) 
 
 
 def sided(point: Point, direction: Array) -> float:
-    """Return the sign of the determinant of the equations of a branch at a point, with a direction as their last row."""
+    """Return the sign of the determinant of the equations of a branch, with a direction as their last row."""
     matrix = np.empty((point.y.size, point.y.size))
     matrix[:-1, :-1] = point.evaluation.jacobian * point.scales[:-1]
     matrix[:-1, -1] = point.by_value * point.scales[-1]
