@@ -99,12 +99,13 @@ def test_a_scene_with_another_function_path_or_name_is_not_that_of_the_file(tmp_
         assert same(vf.load(path, scene=same_scene).displacement(mass), result.displacement(mass))
 
 
-def test_names_may_be_texts_of_numpy(tmp_path):
-    names = np.array(["beam", "spring"])
-    beam = vf.Beam(1.0, 1.0, 1.0, 2, {"left": "clamped"}, name=names[0])
-    scene = vf.Scene([beam], [vf.Spring(beam.at(1.0), stiffness=1.0, name=names[1]), vf.Gravity(1.0)])
-    loaded = saved_and_loaded(vf.simulate(scene, 1.0), tmp_path / "run.vtkhdf")
-    assert [loaded.scene.bodies[0].name, loaded.scene.effects[0].name] == ["beam", "spring"]
+def test_names_and_choices_may_be_texts_of_numpy(tmp_path):
+    names, (side, law, support) = np.array(["beam", "stop"]), np.array(["below", "penetration", "clamped"])
+    beam = vf.Beam(1.0, 1.0, 1.0, 2, {"left": support}, name=names[0])
+    stop = vf.Contact(beam.at(1.0), gap=0.1, stiffness=1.0, side=side, acts_on=law, name=names[1])
+    loaded = saved_and_loaded(vf.simulate(vf.Scene([beam], [stop, vf.Gravity(1.0)]), 1.0), tmp_path / "run.vtkhdf")
+    assert [loaded.scene.bodies[0].name, loaded.scene.effects[0].name] == ["beam", "stop"]
+    assert loaded.scene.effects[0].describe() == stop.describe()
 
 
 def test_what_travels_along_a_beam_is_read_whole(tmp_path):

@@ -166,9 +166,9 @@ def series(what: str, values: Any) -> NDArray[np.float64]:
 
 
 def choice(what: str, value: Any, allowed: tuple[str, ...]) -> str:
-    """Return `value` if it is one of `allowed`, or raise `ArgumentError` with the nearest name."""
+    """Return `value` as a plain string if it is one of `allowed`, or raise `ArgumentError` with the nearest name."""
     if isinstance(value, str) and value in allowed:
-        return value
+        return str(value)  # texts of numpy, such as an entry of an array, are strings too
     raise wrong(what, repr(value), one_of(allowed), nearest(value, allowed))
 
 
