@@ -1,6 +1,8 @@
 """Study files and `vofem sweep`."""
 
 import csv
+import subprocess
+import sys
 
 import pytest
 
@@ -89,6 +91,13 @@ def test_the_command_writes_a_table_and_a_picture_and_goes_on_where_it_stopped(s
     study.write_text(study.read_text().replace("[0.1, 0.2]", "[0.1, 0.2, 0.3]"))
     assert main([*command, "--no-pictures"]) == 0
     assert "9 points, 6 of them kept from before; 0 failed" in capsys.readouterr().out
+
+
+def test_python_m_vofem_starts_the_processes_of_a_sweep(study, tmp_path):
+    command = [sys.executable, "-m", "vofem", "sweep", str(study), "--output", str(tmp_path / "out"), "--no-pictures"]
+    done = subprocess.run([*command, "--workers", "2"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "6 points; 0 failed" in done.stdout
 
 
 def test_points_that_fail_are_told(study, tmp_path, capsys):

@@ -4,4 +4,5 @@ import sys
 
 from vofem.cli import script
 
-sys.exit(script())
+if __name__ == "__main__":  # sweeps start processes
+    sys.exit(script())
