@@ -220,6 +220,12 @@ def test_spectra_of_a_sum_of_sines():
     assert power[5:-5].mean() == pytest.approx(4.0 * 2.0 * step, rel=0.01)
 
 
+@pytest.mark.parametrize("kind", ["amplitude", "psd", "spectrogram"])
+def test_the_spectrum_of_a_run_at_rest_is_drawn(kind, tmp_path):
+    mass = vf.Mass(1.0, 1.0)
+    assert plot.spectrum(vf.simulate(vf.Scene([mass]), 1.0), mass, tmp_path / "a.png", kind=kind).exists()
+
+
 def test_the_spectrum_of_a_run_has_its_frequency():
     mass = vf.Mass(1.0, stiffness=(2.0 * np.pi * 3.0) ** 2, name="m")
     result = vf.simulate(vf.Scene([mass], initial={mass: (0.01, 0.0)}), 20.0)

@@ -84,9 +84,10 @@ def spectrum(
         frequency, height = (amplitudes if kind == "amplitude" else density)(values, step)
         limit = min(limit or np.inf, float(frequency[-1]))
         shown = (frequency > 0.0) & (frequency <= limit)
-        axes.semilogy(frequency[shown], height[shown], color=ink(), linewidth=stroke(1.2))
+        axes.plot(frequency[shown], height[shown], color=ink(), linewidth=stroke(1.2))
         top, least = float(height[shown].max(initial=0.0)), float(height[shown].min(initial=np.inf))
         if top > 0.0:
+            axes.set_yscale("log")
             axes.set_ylim(max(1e-8 * top if kind == "amplitude" else 1e-14 * top, least / 3.0), 3.0 * top)
         density_unit = f"{unit}^2/Hz" if unit == "m" else f"({unit})^2/Hz"
         label = f"amplitude of the {quantity} [{unit}]" if kind == "amplitude" else f"PSD [{density_unit}]"
