@@ -284,6 +284,8 @@ def test_which_beam_is_drawn(tmp_path):
     mixed = vf.simulate(vf.Scene([*scene.bodies[:1], mass], []), 0.1)
     with pytest.raises(vf.ArgumentError, match="beams and masses; say which beam"):
         space_time(mixed, tmp_path / "b.png")
+    with pytest.raises(vf.ArgumentError, match="the scene has no beam, expected one"):
+        shapes(vf.simulate(vf.Scene([mass]), 0.1), [0.1], tmp_path / "b.png")
 
 
 def test_stepping_method(tmp_path):

@@ -33,6 +33,8 @@ def the_beam(bodies: Iterable[Body], body: Any) -> Beam:
     bodies = tuple(bodies)
     if body is None:
         beams = [candidate for candidate in bodies if isinstance(candidate, Beam)]
+        if not beams:
+            raise ArgumentError("the scene has no beam, expected one; the motion of masses is displacement(point)")
         if len(beams) != 1:
             raise ArgumentError(f"the scene has {len(beams)} beams; say which one with body=")
         return beams[0]
