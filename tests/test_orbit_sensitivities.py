@@ -225,6 +225,20 @@ def test_extremes_at_impacts_move_with_them(gap: float) -> None:
         assert derived.amplitude(mass)[k] == pytest.approx(0.5 * (change[1] - change[0]), rel=1e-5)
 
 
+@pytest.mark.parametrize("phase", [0.0, 4.5])
+def test_the_highest_of_many_extremes_counts(phase: float) -> None:
+    """Of ripples on a slow motion, many have nearly the same height, and samples of the orbit tell the wrong one."""
+
+    def orbit(phase: float) -> vf.PeriodicOrbit:
+        mass = vf.Mass(1.0, stiffness=10.0, damping=0.3, name="m")
+        ripples = vf.PointLoad(mass, vf.Sine(800.0, 120.0, phase), name="ripples")
+        return vf.periodic(vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, 1.0)), ripples]))
+
+    found = sensitivities(orbit(phase), [Parameter("ripples", "f.phase")]).extremes("m")[:, 0]
+    change = np.array(orbit(phase + 1e-5).extremes("m")) - orbit(phase - 1e-5).extremes("m")
+    assert off(found, change / 2e-5) < 1e-5
+
+
 def test_what_has_no_derivative_is_refused_by_name() -> None:
     data = DATA["P1"]["orbits"][1]
     scene = scene_of(data["point"], data["point"]["om"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -114,12 +115,12 @@ class OrbitSensitivities(MotionSensitivities):
         """Return the derivatives of the least and of the largest displacement of a point, shape (2, p)."""
         result, period = self.orbit.result, self.orbit.period
         events = result.solution.events.time
-        times = np.unique(np.concatenate([result.times, events]))
-        u = result.displacement(point, times)
+        turns = self._turns(lambda s: np.asarray(result.velocity(point, s)))
+        places = np.concatenate([turns, events, [0.0]])
+        u = result.displacement(point, places)
         found = []
         for place in (int(np.argmin(u)), int(np.argmax(u))):
-            t = _turning(lambda s: float(result.velocity(point, [s])[0]), times, place, period)
-            moved: Array | float = 0.0
+            t, moved = float(places[place]), np.zeros(())
             event = int(np.argmin(np.abs(events - t))) if events.size else -1
             if event >= 0 and abs(events[event] - t) <= _AT_EVENT * period:
                 # An extreme at an impact moves with it.
@@ -268,12 +269,27 @@ class OrbitSensitivities(MotionSensitivities):
         u, _, _ = np.linalg.svd(self.monodromy - np.eye(self.monodromy.shape[0]))
         return u[:, -1], self._by_parameters
 
+    def _turns(self, rates: Callable[[Array], Array]) -> Array:
+        """Return the times at which a rate is zero between samples of the orbit, s."""
+        result = self.orbit.result
+        events = result.solution.events.time
+        times = np.unique(np.concatenate([result.times, events]))
+        # At impacts rates jump: what moves between two samples ends with the rate before.
+        ends = np.where(np.isin(times, events), np.maximum(times - _AFTER * self.orbit.period, 0.0), times)[1:]
+        first, last = rates(times[:-1]), rates(ends)
+        turns = np.flatnonzero((first != 0.0) & (first * last <= 0.0) & (times[:-1] < ends))
+
+        def rate(s: float) -> float:
+            return float(rates(np.array([s]))[0])
+
+        return np.array([_root(rate, float(times[k]), float(ends[k])) for k in turns])
+
     def nearest_extreme(self, contact: str) -> Array:
         """Return the derivatives of that local extreme of a gap function that is nearest to zero, shape (p,).
 
         A contact that is closed is grazed at a minimum.
         """
-        result, laws = self.orbit.result, self._modal.laws
+        laws = self._modal.laws
         assert laws is not None
         j = laws.names.index(contact)
         row = self._modal.contacts[j]
@@ -281,15 +297,8 @@ class OrbitSensitivities(MotionSensitivities):
         def gap(s: float) -> float:
             return float(row @ self._forward.motion(np.array([s]))[0][:, 0] - laws.gap[j])
 
-        def rate(s: float) -> float:
-            return float(row @ self._forward.motion(np.array([s]))[1][:, 0])
-
-        times = np.unique(np.concatenate([result.times, result.solution.events.time]))
-        _, v, _ = self._forward.motion(times)
-        rates = row @ v
-        turns = np.flatnonzero((rates[:-1] != 0.0) & (rates[:-1] * rates[1:] <= 0.0))
-        found = [_root(rate, float(times[k]), float(times[k + 1])) for k in turns]
-        t = min(found, key=lambda s: abs(gap(s)))
+        turns = self._turns(lambda s: row @ self._forward.motion(s)[1])
+        t = min(turns.tolist(), key=lambda s: abs(gap(s)))
         state = np.concatenate([row, np.zeros_like(row)])[None]
         moved = self._total(self._forward.sample(state, np.array([t]))[0])[0]
         displacement = self._forward.motion(np.array([t]))[0][:, 0]
@@ -356,20 +365,9 @@ def _frequencies(scene: Scene) -> Array:
     return np.array([w for function in functions for w, _ in function.piece(0.0).harmonics])
 
 
-def _root(rate: Any, low: float, high: float) -> float:
+def _root(rate: Callable[[float], float], low: float, high: float) -> float:
     from scipy.optimize import brentq
 
     if rate(low) * rate(high) > 0.0:
         return low if abs(rate(low)) < abs(rate(high)) else high
     return float(brentq(rate, low, high, xtol=1e-16, rtol=1e-15))
-
-
-def _turning(rate: Any, times: Array, place: int, period: float) -> float:
-    """Return the time near a sample at which a rate changes its sign; the motion repeats after a period."""
-    if place in (0, times.size - 1):
-        # The extreme may lie on either side of the end of the period.
-        first, last = float(times[1]), float(times[-2])
-        at_start = rate(0.0)
-        return _root(rate, 0.0, first) if at_start * rate(first) <= 0.0 else _root(rate, last, period)
-    low, middle, high = (float(times[k]) for k in (place - 1, place, place + 1))
-    return _root(rate, low, middle) if rate(low) * rate(middle) <= 0.0 else _root(rate, middle, high)
