@@ -239,6 +239,26 @@ def test_the_highest_of_many_extremes_counts(phase: float) -> None:
     assert off(found, change / 2e-5) < 1e-5
 
 
+def test_a_grazing_beside_impacts_of_the_same_rigid_stop() -> None:
+    """At these impacts the gap is zero as well, and its rate changes its sign by a jump."""
+
+    def grazing(gap: float) -> vf.SpecialPoint:
+        def build(force: float) -> vf.Scene:
+            mass = vf.Mass(1.0, stiffness=1.0, damping=0.15, name="m")
+            stop = vf.RigidStop(mass, gap=gap, restitution=0.6, side="above", name="c")
+            others = vf.Sine(0.6, 1.35) + vf.Sine(0.9, 2.25, 1.0)
+            loads = [vf.PointLoad(mass, vf.Sine(force, 0.45), name="f"), vf.PointLoad(mass, others)]
+            return vf.Scene([mass], [stop, *loads])
+
+        (found,) = [point for point in vf.continuation(build, 0.33, 0.36).special if point.kind == "grazing"]
+        return found
+
+    point = grazing(0.4)
+    assert len(point.orbit.result.contacts["c"].closings) > 2
+    slope = sensitivities(point, [Parameter("c", "gap")], along=Parameter("f", "f.amplitude")).value[0]
+    assert slope == pytest.approx((grazing(0.401).value - grazing(0.399).value) / 2e-3, rel=1e-4)
+
+
 def test_what_has_no_derivative_is_refused_by_name() -> None:
     data = DATA["P1"]["orbits"][1]
     scene = scene_of(data["point"], data["point"]["om"])
