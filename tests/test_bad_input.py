@@ -232,6 +232,33 @@ def test_bad_argument(call, message):
     assert time.process_time() - start < 20.0
 
 
+RAGGED = [[1.0, 2.0], [3.0]]
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: beam(EI=RAGGED), "EI is .* expected an array of numbers"),
+        (lambda: vf.Measured(vf.Mass(1.0), [0.0], [0.0], RAGGED), "noise is .* expected an array of numbers"),
+        (lambda: vf.MeasuredEvents("stop", RAGGED), "closings is .* expected an array of numbers"),
+        (lambda: vf.equilibrium(scene()[1]).deflection(RAGGED), "a point of Beam 'deck' is .* an array of numbers"),
+        (lambda: vf.simulate(scene()[1], 1.0).bending_moment([[0.0], [1.0]]), "have shape .2, 1., expected one dim"),
+        (lambda: vf.modes(scene()[1], 2).shape(None, [0.5]), "k is None, expected a whole number from 0 to 1"),
+        (lambda: vf.modes(scene()[1], 2).shape(2, [0.5]), "k is 2, expected a whole number from 0 to 1"),
+        (lambda: vf.modes(scene()[1], 2, np.array("stop")), "no contact is named 'stop'"),
+        (lambda: vf.fractional.rl_derivative(1.0, [0.0, 1.0], 10**400), "order is 1000.* expected a number"),
+    ],
+)
+def test_what_is_no_array_or_no_number_is_told(call, message):
+    with pytest.raises(vf.ArgumentError, match=message):
+        call()
+
+
+def test_no_places_give_no_values():
+    outcome = vf.equilibrium(scene()[1])
+    assert outcome.deflection([]).shape == outcome.bending_moment([]).shape == outcome.shear_force([]).shape == (0,)
+
+
 def test_bad_initial_states():
     b = beam()
     for field, message in (

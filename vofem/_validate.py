@@ -34,6 +34,7 @@ def name_of(thing: Any) -> str:
 
 def listed(given: Any) -> list[Any]:
     """Return one thing, such as a name, or several of them, as a list."""
+    given = given.tolist() if isinstance(given, np.ndarray) else given
     return list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
 
 

@@ -75,8 +75,7 @@ class Modes:
         ndarray, shape (len(x),), or (1,) for a mass; of other bodies at the places of their shape
             The shape in 1/sqrt(kg).
         """
-        if not 0 <= k < self.omega.size:
-            raise ArgumentError(f"mode {k} was asked for, expected 0 to {self.omega.size - 1}")
+        k = whole("Modes.shape: k", k, 0, self.omega.size - 1)
         chosen = self._body(body)
         values = self._model.of_body(chosen, self._shapes[:, k])
         if isinstance(chosen, Beam):

@@ -177,7 +177,10 @@ class Axis(Body):
 
     def _cubics(self, x: ArrayLike, derivative: int) -> tuple[IntArray, Array]:
         """Return degrees of freedom and weights of a derivative of eta at x, each of shape (len(x), 4)."""
-        element, xi = self.locate(np.atleast_1d(array(f"a point of {self.label}", x)))
+        places = np.atleast_1d(array(f"a point of {self.label}", x))
+        if places.ndim != 1:
+            raise ArgumentError(f"points of {self.label} have shape {places.shape}, expected one dimension")
+        element, xi = self.locate(places)
         h = self.element_lengths[element]
         weights = np.stack([hermite(i, xi, h, derivative) for i in range(4)], axis=1)
         return 2 * element[:, None] + np.arange(4), weights

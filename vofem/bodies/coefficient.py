@@ -118,7 +118,7 @@ def positive_coefficient(what: str, value: Any, axis: Axis) -> Coefficient:
         if axis.mesh is None:
             raise ArgumentError(f"{what} is {value!r}, but only a beam from a mesh has named subdomains")
         return Coefficient(what, _by_subdomain(what, value, axis.mesh), axis)
-    if np.ndim(value) == 0:
+    if not isinstance(value, (list, tuple)) and np.ndim(value) == 0:
         return Coefficient(what, number(what, value, positive=True), axis)
     values = array(what, value, shape=axis.element_lengths.shape)
     if np.any(values < TINY):

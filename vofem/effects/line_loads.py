@@ -37,16 +37,16 @@ def recovered_sections(beam: Beam, x: ArrayLike, q: Array, load: LinePressure) -
     Returns `moment, shear` (shape (k, n_times)).
     """
     element, xi = beam.locate(np.atleast_1d(array(f"a point of {beam.label}", x)))
-    h, left = beam.element_lengths[element], beam.nodes[element]
+    h, left, count = beam.element_lengths[element], beam.nodes[element], q.shape[1]
     s = xi * h
     g, w = 0.5 * (1.0 + _POINTS), 0.5 * _WEIGHTS
     # The linear part of EI eta'' has the same work on all cubics, so the same forces at the ends.
     whole = left[:, None] + g * h[:, None]
     stiffness = beam.bending_stiffness(whole.ravel())[0][:, None]
-    moment = (stiffness * (beam.field_matrix(whole.ravel(), 2) @ q)).reshape(*whole.shape, -1)
+    moment = (stiffness * (beam.field_matrix(whole.ravel(), 2) @ q)).reshape(*whole.shape, count)
     mean, tilt = np.einsum("g,kgt->kt", w, moment), np.einsum("g,kgt->kt", 3.0 * w * (2.0 * g - 1.0), moment)
-    pressure = load(whole.ravel()).reshape(*whole.shape, -1)
-    before = load((left[:, None] + g * s[:, None]).ravel()).reshape(*whole.shape, -1)
+    pressure = load(whole.ravel()).reshape(*whole.shape, count)
+    before = load((left[:, None] + g * s[:, None]).ravel()).reshape(*whole.shape, count)
     force, turning = (np.einsum("kg,kgt->kt", w * h[:, None] * hermite(i, g, h[:, None]), pressure) for i in (0, 1))
     shear = 2.0 * tilt / h[:, None] - force + s[:, None] * np.einsum("g,kgt->kt", w, before)
     lever = s[:, None] ** 2 * np.einsum("g,kgt->kt", w * (1.0 - g), before)

@@ -238,7 +238,9 @@ class MeasuredEvents(Data):
     ) -> None:
         self.contact = name_of(contact)
         self.closings, self.openings = (
-            np.empty(0) if np.size(given) == 0 else series(f"MeasuredEvents: {name}", given)
+            found
+            if (found := array(f"MeasuredEvents: {name}", given)).shape == (0,)
+            else series(f"MeasuredEvents: {name}", found)
             for name, given in (("closings", closings), ("openings", openings))
         )
         self._hold(np.concatenate([self.closings, self.openings]), noise)
@@ -510,7 +512,7 @@ def _noise(what: str, noise: Any, count: int) -> Array | None:
     """Return standard deviations, shape (count,), or None."""
     if noise is None:
         return None
-    if np.ndim(noise) == 0:
+    if not isinstance(noise, (list, tuple)) and np.ndim(noise) == 0:
         return np.full(count, number(f"{what}: noise", noise, positive=True))
     found = array(f"{what}: noise", noise, shape=(count,))
     if np.any(found <= 0.0):

@@ -108,7 +108,7 @@ def orders_at(order: ArrayLike | OrderLaw, t: Array, *, highest: float = 2.0) ->
     given = order(t) if callable(order) else order
     try:
         values = np.asarray(given, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ArgumentError(f"order is {given!r}, expected a number, one per time, or a function of time") from None
     if values.ndim and values.shape != t.shape:
         raise ArgumentError(f"order has shape {values.shape}, expected a number or one per time, {t.shape}")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import Named
+from vofem._validate import Named, array
 from vofem.arrays import Array
 from vofem.assembly import Effect, Model
 from vofem.effects.line_loads import balanced_sections
@@ -126,8 +126,9 @@ class AtRest:
         """Return a derivative of eta, of the shape of x and, along a path, (n_factors,)."""
         beam = the_beam(self.model.offsets, body)
         # Of the shape of x, so that a field serves as the initial state of another scene.
-        values = beam.field_matrix(np.ravel(np.asarray(x)), derivative) @ self.model.of_body(beam, self._q)
-        return np.reshape(values, (np.shape(x) or (1,)) + self._q.shape[1:])
+        places = array(f"a point of {beam.label}", x)
+        values = beam.field_matrix(places.ravel(), derivative) @ self.model.of_body(beam, self._q)
+        return np.reshape(values, (places.shape or (1,)) + self._q.shape[1:])
 
 
 class Equilibrium(AtRest):
@@ -203,9 +204,11 @@ class Equilibrium(AtRest):
         return self._sections(x, body)[1]
 
     def _sections(self, x: ArrayLike, body: Any) -> tuple[Array, Array]:
-        beam, shape = the_beam(self.model.offsets, body), np.shape(x) or (1,)
+        beam = the_beam(self.model.offsets, body)
+        places = array(f"a point of {beam.label}", x)
+        shape = places.shape or (1,)
         q = self.model.of_body(beam, self._q)[:, None]
-        moment, shear = balanced_sections(self.effects, beam, np.ravel(np.asarray(x)), np.array([self.t]), q)
+        moment, shear = balanced_sections(self.effects, beam, places.ravel(), np.array([self.t]), q)
         return moment.reshape(shape), shear.reshape(shape)
 
 
