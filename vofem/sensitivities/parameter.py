@@ -45,6 +45,8 @@ class Parameter:
     Notes
     -----
     A parameter at its limit, such as a damper of 0, has a derivative to one side.
+    So has the place of what acts on rotations, or has inertia, where it lies at a node: there the curvature of the
+    cubics jumps.
     """
 
     def __init__(
