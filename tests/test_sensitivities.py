@@ -339,6 +339,14 @@ def test_what_has_no_derivative_is_refused_by_name() -> None:
         Parameter(shaken.effects[0], "f.amplitude").check(shaken)
 
 
+def test_a_mass_may_be_named_as_in_the_outcome() -> None:
+    numbers = {"m": 1.0, "k": 4.0, "d": 0.1, "gap": 0.1, "K0": 9.0, "c": 0.0, "F": 1.0, "om": 1.0, "ph": 0.0}
+    scene = mass_on_stop({**numbers, "u0": 0.0, "v0": 0.0}, "penetration", "above")
+    for outcome in (vf.simulate(scene, 3.0), vf.periodic(scene), vf.equilibrium(scene, 1.0)):
+        derived = sensitivities(outcome, [Parameter("stop", "gap"), Parameter("m", "mass")])
+        assert np.array_equal(derived.displacement("m"), derived.displacement(scene.bodies[0]))
+
+
 def test_value_and_at_refuse_what_is_no_number() -> None:
     beam = vf.Beam(1.0, EI=lambda x: 1.0 + x, rhoA=1.0, elements=3, supports={"left": "clamped"}, name="beam")
     slider = vf.Friction(beam.at(0.5), coefficient=0.3, normal=1.0, name="slider")

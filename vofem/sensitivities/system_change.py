@@ -210,6 +210,8 @@ def unchanged(scene: Scene) -> SystemChange:
 
 def carried(scene: Scene, other: Scene, point: Any) -> Any:
     """Return a point in a scene whose beams may be longer: at the same fraction of its beam."""
+    if isinstance(point, str):  # the name of a mass, by which either scene knows it
+        return point
     for body, new in zip(scene.bodies, other.bodies, strict=True):
         if body.name == getattr(point.body, "name", None):
             if isinstance(new, Point):
