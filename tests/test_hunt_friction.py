@@ -313,3 +313,15 @@ def test_random_scenes_with_sliders_and_stops(seed):
 
 if __name__ == "__main__":
     campaign(look)
+
+
+@pytest.mark.parametrize("u0", [0.0, -1e-9])
+def test_an_impact_at_the_start_turns_the_slider(u0: float) -> None:
+    """A body that strikes its stop at t = 0 slides back at once, as it does if it strikes a moment later."""
+    mass = vf.Mass(1.0, name="mass")
+    stop = vf.RigidStop(mass, gap=0.0, restitution=0.5, side="above", name="stop")
+    pad = vf.Friction(mass, coefficient=0.25, normal=1.0, name="pad")
+    scene = vf.Scene([mass], [stop, pad], initial={mass: (u0, 1.0)})
+    result = vf.simulate(scene, 3.0, times=[0.0, 1.0, 2.0, 3.0], method="event_driven")
+    np.testing.assert_allclose(result.displacement(mass)[1:], [-0.375, -0.5, -0.5], atol=1e-8)
+    assert result.energy.balance_error < 1e-12

@@ -85,7 +85,11 @@ class Walker:
         else:
             self._gaps = solution.gaps_at(self.status, displacement, time)
             self._gaps[self._sliders :] = 0.0
-            self._strike(self._laws.rigid & (self._gaps == 0.0))
+            touching = self._laws.rigid & (self._gaps == 0.0)
+            self._strike(touching)
+            if touching.any() and isinstance(solution, SlidingSolution):
+                # Sliders were chosen with the speeds from before the impacts.
+                self._decide({})
 
     def _changed(self, before: Status) -> set[int]:
         """Return the numbers of the sliders whose status is another one than before."""
