@@ -325,3 +325,14 @@ def test_an_impact_at_the_start_turns_the_slider(u0: float) -> None:
     result = vf.simulate(scene, 3.0, times=[0.0, 1.0, 2.0, 3.0], method="event_driven")
     np.testing.assert_allclose(result.displacement(mass)[1:], [-0.375, -0.5, -0.5], atol=1e-8)
     assert result.energy.balance_error < 1e-12
+
+
+def test_energies_where_a_stuck_slider_leaves_equal_frequencies_without_damping() -> None:
+    """While the damped mass sticks, the others are equal oscillators, which lose nothing but by rounding."""
+    first, damped, last = vf.Mass(1.0, stiffness=4.0), vf.Mass(1.0, damping=2.0), vf.Mass(1.0, stiffness=4.0)
+    springs = [vf.Spring(first, damped, stiffness=4.0), vf.Spring(damped, last, stiffness=4.0)]
+    pad = vf.Friction(damped, coefficient=0.25, normal=1.0, name="pad")
+    scene = vf.Scene([first, damped, last], [*springs, pad], {first: (-1.0, -1.0), damped: (0.0, 1.0)})
+    result = vf.simulate(scene, 20.0, method="event_driven")
+    assert result.frictions["pad"].breaks.size > 2
+    assert result.energy.balance_error < 1e-12

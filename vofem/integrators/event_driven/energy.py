@@ -86,10 +86,9 @@ class StatusForms:
             energy = 0.5 * (spectrum.real.p @ out[:m] ** 2 + np.sum(out[m:] ** 2, axis=0))
             size = np.sqrt(np.maximum(power.diagonal(), 0.0))
             known = np.where(np.abs(power) > 4.0 * _EPS * np.outer(size, size), power, 0.0)
-            # What a block loses by itself in the whole run may be rounding, which its decay rate does not show.
-            faint = np.flatnonzero(np.all((size**2 * horizon <= _EPS * energy).reshape(2, m), axis=0))
-            for both in ((faint, faint), (faint, m + faint), (m + faint, faint), (m + faint, m + faint)):
-                known[both] = 0.0
+            # What blocks lose in the whole run may be rounding, which their decay rates do not show.
+            faint = np.tile(np.all((size**2 * horizon <= _EPS * energy).reshape(2, m), axis=0), 2)
+            known[np.outer(faint, faint)] = 0.0
             lost = lyapunov(spectrum.delta, spectrum.p, spectrum.delta, spectrum.p, known)
             unsure = (np.abs(lost.diagonal()) > _MORE * energy).reshape(2, m).any(axis=0)
             unsure |= spectrum.p * horizon**2 < 1.0
