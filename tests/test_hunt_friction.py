@@ -336,3 +336,16 @@ def test_energies_where_a_stuck_slider_leaves_equal_frequencies_without_damping(
     result = vf.simulate(scene, 20.0, method="event_driven")
     assert result.frictions["pad"].breaks.size > 2
     assert result.energy.balance_error < 1e-12
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-9])
+def test_a_slider_breaks_away_from_a_stop_at_which_the_bodies_rest_without_force(gap: float) -> None:
+    """It holds the bodies at the stop until it breaks; the stop, which never pressed, has no part in that."""
+    upper, lower = vf.Mass(1.0, stiffness=4.0, damping=4.0), vf.Mass(1.0, stiffness=1.0)
+    stop = vf.RigidStop(lower, upper, gap=gap, restitution=0.0, name="stop")
+    pad = vf.Friction(lower, upper, coefficient=0.25, static=0.5, normal=1.0, name="pad")
+    scene = vf.Scene([lower, upper], [stop, pad, vf.PointLoad(lower, vf.Ramp(-1.0, 0.0, 2.0))])
+    result = vf.simulate(scene, 3.0, times=[0.0, 2.0, 3.0], method="event_driven", max_events=100)
+    np.testing.assert_allclose(result.frictions["pad"].breaks, 0.67045882, atol=1e-7)
+    np.testing.assert_allclose(result.displacement(lower)[1:], [-0.74987784, -2.19311665], atol=1e-7)
+    assert result.energy.balance_error < 1e-12

@@ -32,7 +32,7 @@ from vofem.integrators.event_driven.tangent import acceleration
 from vofem.kernels.addresses import called, place_of
 from vofem.kernels.jit import CompiledFunction
 from vofem.kernels.mode import kernels
-from vofem.laws.friction import UP
+from vofem.laws.friction import DOWN, UP
 from vofem.system import CLOSED, OPEN, PINNED
 
 Status = NDArray[np.int64]
@@ -228,6 +228,10 @@ class Walker:
         triggered = {j: new for j, new in entered.items() if j >= self._sliders}
         entered = {j: new for j, new in entered.items() if j < self._sliders}
         if entered:
+            # A slider that breaks away at the same time holds nothing any more.
+            self.status = self.status.copy()
+            for j, new in triggered.items():
+                self.status[j] = new if new in (UP, DOWN) else self.status[j]
             self._pass_contacts(entered)
         if isinstance(self.solution, SlidingSolution):
             before = self.solution.record.last_status
