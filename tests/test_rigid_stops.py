@@ -392,3 +392,13 @@ def test_stops_that_share_a_load_in_no_unique_way_are_told() -> None:
     scene = vf.Scene([one, two], [*stops, between, *loads])
     with pytest.raises(vf.SingularSystemError, match=r"'under one' and .*'between' hold bodies at rest at once"):
         vf.simulate(scene, 1.0, method="event_driven")
+
+
+def test_a_force_that_begins_to_press_bodies_at_rest_on_each_other_makes_no_bounces() -> None:
+    """The first speeds are below the rounding of times, where bounces would repeat without end."""
+    lower, upper = vf.Mass(1.0, stiffness=1.0), vf.Mass(1.0, stiffness=1.0)
+    stop = vf.RigidStop(lower, upper, gap=0.0, restitution=0.5, name="stop")
+    scene = vf.Scene([lower, upper], [stop, vf.PointLoad(upper, vf.Pulse(-1.0, 1.0, 1.0))])
+    result = vf.simulate(scene, 1.9, times=[0.0, 1.9], method="event_driven", max_events=100)
+    np.testing.assert_allclose(result.displacement(lower)[-1], -0.5 * (1.0 - np.cos(0.9)), rtol=1e-12)
+    np.testing.assert_allclose(result.contacts["stop"].pinned, [[1.0, 1.9]], atol=1e-9)

@@ -272,9 +272,11 @@ class Walker:
         laws, rows, done = self._laws, self._rows, set[int]()
         # Displacements that are rounded move as quickly as they would vibrate.
         rounded = np.sqrt(np.abs(self.solution.space.stiffness)) * np.abs(self.displacement)
+        # Forces give such speeds within the rounding of times, so no later bounce would be told from this one.
+        gained = np.finfo(float).eps * self.solution.t_end * self._forces()
         for _ in range(_MOST_AT_ONCE):
             at_rest = laws.rigid & (self.status == PINNED)
-            speed, zero = rows @ self.velocity, _ZERO * (np.abs(rows) @ (np.abs(self.velocity) + rounded))
+            speed, zero = rows @ self.velocity, _ZERO * (np.abs(rows) @ (np.abs(self.velocity) + rounded)) + gained
             self._largest = np.where(touching | at_rest, np.maximum(self._largest, speed), self._largest)
             limit = np.maximum(REST * self._largest, zero)
             for j in np.flatnonzero(at_rest & (speed < -limit)).tolist():
