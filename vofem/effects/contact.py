@@ -45,7 +45,7 @@ class Switch(Kind):
 
     def check(self, what: str, value: Any) -> Any:
         """Return the switch."""
-        if value != "ideal" and not isinstance(value, Resolved):
+        if not (isinstance(value, Resolved) or (isinstance(value, str) and value == "ideal")):
             raise ArgumentError(f"{what} is {value!r}, expected 'ideal' or vofem.Resolved(s0)")
         return value
 
