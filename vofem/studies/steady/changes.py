@@ -321,7 +321,9 @@ def resting(family: Family, now: Point, guess: Array, *, stick: bool = False) ->
         for x in (now.tangent * now.scales, inner.tangent * inner.scales, inner.y, guess)
     )
     along = float(ahead @ beyond) / float(np.linalg.norm(ahead) * np.linalg.norm(beyond))
-    if np.linalg.norm(away - own) > _RESTS or abs(along) < _STRAIGHT:
+    # Just beyond the grazing at which an impact begins, the motion changes against its trend.
+    trend = along * now.tangent[-1] * inner.tangent[-1]
+    if np.linalg.norm(away - own) > _RESTS or abs(along) < _STRAIGHT or trend < 0.0:
         return None
     return Passage(now, inner, inner if along > 0.0 else inner.turned(), ())
 
