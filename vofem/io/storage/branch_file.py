@@ -169,13 +169,19 @@ def _orbit(kept: dict[str, Any], k: int, folder: Path) -> PeriodicOrbit:
         return chart.evaluate(problem(), y, derivative=False)
 
     orbit = PeriodicOrbit(
-        OrbitSource(scene, motion, result, lambda: kept["multipliers"][k], stable=lambda: kept["stable"][k]),
+        OrbitSource(
+            scene,
+            motion,
+            result,
+            lambda: kept["multipliers"][k],
+            stable=lambda: kept["stable"][k],
+            truncation=lambda: truncation,
+        ),
         method,
         omega,
         periods,
         residual=float(kept["residual"][k]),
-        truncation=truncation,
-        notes=list(kept["notes"][k]),
+        remarks=list(kept["notes"][k]),
         unknowns=unknowns,
         autonomous=bool(kept["autonomous"][k]),
         start=start,

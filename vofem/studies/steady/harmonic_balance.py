@@ -381,29 +381,33 @@ class HarmonicBalance(OrbitProblem):
 
     def orbit(self, unknowns: Array, evaluation: HarmonicEvaluation) -> PeriodicOrbit:
         """Return the orbit of a solution."""
-        notes = [evaluation.truncation.what]
+        remarks = []
         if not np.all(evaluation.settled):
             label = self.laws.laws.laws[int(np.argmin(evaluation.settled))].label
-            notes.append(
+            remarks.append(
                 f"{label} still changes after {PASSES} cycles of this motion, as laws that harden under cyclic loads "
                 "do; the orbit is that after as many cycles"
             )
         if self.undecided is not None and self.shooting is None:
-            notes.append(self.undecided)
+            remarks.append(self.undecided)
+
+        def result() -> Result:
+            return harmonic_result(self.scene, evaluation.motion, (evaluation.truncation.what, *remarks))
+
         return PeriodicOrbit(
             OrbitSource(
                 scene=lambda: self.scene,
                 motion=lambda: evaluation.motion,
-                result=lambda: harmonic_result(self.scene, evaluation.motion, tuple(notes)),
+                result=result,
                 multipliers=lambda: evaluation.multipliers,
                 uncertainty=lambda: evaluation.uncertainty,
+                truncation=lambda: evaluation.truncation,
             ),
             "harmonic_balance",
             self.loads.omega,
             self.periods,
             residual=evaluation.error,
-            truncation=evaluation.truncation,
-            notes=list(notes),
+            remarks=remarks,
             unknowns=np.array(unknowns),
         )
 

@@ -81,6 +81,7 @@ class OrbitSource:
     #: only if a multiplier is near the circle.
     uncertainty: Callable[[], float] = lambda: DECIDED
     stable: Callable[[], bool | None] | None = None  #: Whether the orbit is stable, if this is known already.
+    truncation: Callable[[], OrbitTruncation | None] = lambda: None
 
 
 @dataclass(eq=False, repr=False)
@@ -102,9 +103,8 @@ class PeriodicOrbit(Shown):
     residual : float
         The error with which the orbit closes: the largest difference between the states at its two ends, divided by the
         size of the motion. Displacements and velocities are compared separately.
-    truncation : OrbitTruncation or None
-    notes : list of str
-        Sentences about the orbit that a user should read.
+    remarks : list of str
+        Sentences about the orbit besides that about its truncation.
     unknowns : ndarray or None
         The unknowns of the method, from which other problems can start.
     autonomous : bool
@@ -118,8 +118,7 @@ class PeriodicOrbit(Shown):
     omega: float
     periods: int
     residual: float
-    truncation: OrbitTruncation | None = None
-    notes: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
     unknowns: Array | None = None
     autonomous: bool = False
     start: State | None = None
@@ -133,6 +132,18 @@ class PeriodicOrbit(Shown):
         """Return the frequency as a text, in the unit in which those of the loads were given."""
         loads = (getattr(effect, name, None) for effect in self.scene.effects for name in ("f", "acceleration"))
         return frequency_words(self.omega, loads, digits)
+
+    @cached_property
+    def truncation(self) -> OrbitTruncation | None:
+        """What was left out of the unknowns, or None; by harmonic balance it is computed when first asked."""
+        with one_thread:
+            return self.source.truncation()
+
+    @cached_property
+    def notes(self) -> list[str]:
+        """Sentences about the orbit that a user should read."""
+        left_out = self.truncation
+        return list(dict.fromkeys([*([] if left_out is None else [left_out.what]), *self.remarks]))
 
     @cached_property
     def multipliers(self) -> Complex | None:

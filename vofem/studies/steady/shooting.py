@@ -260,10 +260,10 @@ class Shooting(OrbitProblem):
         """Return the orbit of a solution, whose stability is not decided within a distance from the unit circle."""
         scene, duration, few, change = self.scene, self.duration, self.condensed, self.change
         state, kept = self.state(unknowns), None if few is None else few.truncation(duration, change)
-        notes = [] if kept is None else [kept.what]
+        remarks = []
         if evaluation.missed > CLOSES:
             left = f"{evaluation.missed:.1e}"
-            notes.append(f"a run over one period magnifies rounding: it repeats to {left} of the motion only")
+            remarks.append(f"a run over one period magnifies rounding: it repeats to {left} of the motion only")
         return PeriodicOrbit(
             OrbitSource(
                 scene=lambda: scene,
@@ -271,13 +271,13 @@ class Shooting(OrbitProblem):
                 result=lambda: orbit_result(scene, state, duration, few, change),
                 multipliers=lambda: evaluation.multipliers,
                 uncertainty=decided,
+                truncation=lambda: kept,
             ),
             "shooting",
             self.loads.omega,
             self.periods,
             residual=evaluation.closing,
-            truncation=kept,
-            notes=notes,
+            remarks=remarks,
             unknowns=np.array(unknowns),
             autonomous=autonomous,
             start=state,
