@@ -317,7 +317,8 @@ def followed(case, start, stop, patience=PATIENCE):
     found = Outcome(*end_of(branch, start, stop), orbits=len(branch), seconds=time.process_time() - begun)
     found.special = [(point.kind, float(point.value)) for point in branch.special]
     which = np.unique(np.linspace(0, len(branch) - 1, SAMPLED).round().astype(int))
-    found.away = [away(branch.orbits[k]) for k in which.tolist()]
+    # Harmonics miss a motion by more, and say by how much.
+    found.away = [away(branch.orbits[k]) for k in which.tolist() if branch.orbits[k].method == "shooting"]
     return found
 
 

@@ -51,6 +51,9 @@ _NEAR_OTHERS = 1e-3
 #: shortest one.
 _RESTING, _NEARER = 1e-3, 6
 
+#: Factor by which a longer step is tried where touches do not turn into a rest in one.
+_BEYOND = 4.0
+
 #: Steps by which what sliders do in very short times is passed.
 _FARTHER = (1e-3, 1e-4, 1e-5)
 
@@ -350,11 +353,14 @@ class Follower:
         return None
 
     def _nearest_rest(self, now: Point, step: float) -> Passage | None:
-        """Return the nearest such orbit up to a step ahead. What lies between is not examined.
+        """Return the nearest such orbit a step ahead or, if there is none, a little beyond. Nothing between is examined.
 
         Where impacts become infinitely many, the nearest orbits have as many as can be told apart; one is taken beyond.
         """
-        found, low = self._resting(now, step), 0.0
+        found, low, moves = self._resting(now, step), 0.0, float(np.linalg.norm(now.tangent[:-1]))
+        while found is None and 0.0 < _BEYOND * step * moves <= _RESTING:
+            low, step = step, _BEYOND * step
+            found = self._resting(now, step)
         if found is None or found.at.chart.impacts != now.chart.impacts:
             return found
         for _ in range(_NEARER):
