@@ -353,7 +353,7 @@ class Follower:
         return None
 
     def _nearest_rest(self, now: Point, step: float) -> Passage | None:
-        """Return the nearest such orbit a step ahead or, if there is none, a little beyond. Nothing between is examined.
+        """Return the nearest such orbit a step ahead, or else a little beyond. What lies between is not examined.
 
         Where impacts become infinitely many, the nearest orbits have as many as can be told apart; one is taken beyond.
         """
