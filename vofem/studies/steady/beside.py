@@ -29,6 +29,7 @@ from vofem.studies.steady.watched import (
     Mark,
     hit_near,
     is_among,
+    mark_at,
     mark_of,
     nearest_extreme,
     newly_touching,
@@ -101,7 +102,7 @@ def orbit_outside(
     own = [mark_of(chart, y, k) for k in range(len(chart.switches))]
     own = [one for one in own if law_of(point.problem, one.contact) != "stick"]
     found = [
-        Mark(e.contact, e.phase, hit=e.hit)
+        mark_at(e)
         for e in point.evaluation.extremes
         if abs(e.height) <= rounding and not is_among(chart, [mark, *own], e.contact, e.phase)
     ]
@@ -200,7 +201,7 @@ def _begun(
                 added += new
             elif mark.hit:
                 ends.append((len(added), len(added) + 1, 0))
-                added += touch_around(chart, phases, contact, phase)
+                added += touch(problem, chart, y, [contact], phase, hit=True)
             elif law == "impact" and not touches:
                 ends.append((len(added), len(added), 0))
                 added.append((number, phase, Switch(contact, int(chart.statuses[number][contact]))))
@@ -252,16 +253,19 @@ def lasting_of(problem: Any, chart: Signature, first: int, last: int) -> Begun:
 
 
 def touch(
-    problem: Any, chart: Signature, y: Array, contacts: Sequence[int], phase: float, *, lasts: bool
-) -> list[tuple[int, float, Switch]]:
+    problem: Any, chart: Signature, y: Array, contacts: Sequence[int], phase: float,
+    *, lasts: bool = False, hit: bool = False,
+) -> list[tuple[int, float, Switch]]:  # fmt: skip
     """Return what `Signature.edited` adds for a touch of length zero by one or more contacts at once.
 
     Where a slider holds the points that touch, they do so when it stops. `lasts`: as long as it is at rest.
+    `hit`: whether it begins before an impact on a rigid stop and ends after it.
     """
     phases = chart.phases(y)
-    first = last = int(np.searchsorted(phases, phase))
-    begins = ends = phase
-    stops = [one for one in stops_of(problem, chart) if set(contacts) <= set(one.held)]
+    first = last = hit_near(chart, phases, phase) if hit else int(np.searchsorted(phases, phase))
+    begins = ends = float(phases[first]) if hit else phase
+    last += hit
+    stops = [] if hit else [one for one in stops_of(problem, chart) if set(contacts) <= set(one.held)]
     if stops:
         stop = min(stops, key=lambda one: abs(float(phases[one.first]) - phase))
         first, last = stop.first, stop.last + 1 if lasts else stop.first
@@ -269,16 +273,6 @@ def touch(
     now = chart.statuses[first]
     there = [(first, begins, Switch(j, OPEN if now[j] == CLOSED else CLOSED)) for j in contacts]
     return there + [(last, ends, Switch(j, int(now[j]))) for j in contacts]
-
-
-def touch_around(chart: Signature, phases: Array, contact: int, phase: float) -> list[tuple[int, float, Switch]]:
-    """Return what `Signature.edited` adds for a touch of length zero that begins before an impact and ends after it."""
-    hit = hit_near(chart, phases, phase)
-    now, there = int(chart.statuses[hit][contact]), float(phases[hit])
-    return [
-        (hit, there, Switch(contact, OPEN if now == CLOSED else CLOSED)),
-        (hit + 1, there, Switch(contact, now)),
-    ]
 
 
 def orbit_beyond(

@@ -42,6 +42,7 @@ from vofem.studies.steady.watched import (
     is_end,
     is_over,
     lasting_at,
+    mark_at,
     mark_of,
     newly_touching,
     paired,
@@ -208,9 +209,7 @@ def _extremes_along(
     They are NaN where one is at the other end alone. `along`: factors of the derivatives along the branch.
     """
     extremes = paired(*(point.evaluation.extremes for point in ends))
-    pairs = [
-        tuple(None if e is None else (Mark(e.contact, e.phase, hit=e.hit), e.height) for e in pair) for pair in extremes
-    ]
+    pairs = [tuple(None if e is None else (mark_at(e), e.height) for e in pair) for pair in extremes]
     pairs += [
         tuple((mark_of(one.chart, one.y, k), -one.evaluation.margins[k][0]) for one in ends)
         for k in ends[0].evaluation.margins

@@ -15,7 +15,7 @@ from vofem.errors import ArgumentError, ConvergenceError, MethodError
 from vofem.kernels.choice import by_need
 from vofem.progress import Progress
 from vofem.scene import Scene
-from vofem.studies.steady.beside import touch, touch_around
+from vofem.studies.steady.beside import touch
 from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import Curve
 from vofem.studies.steady.census import Test, pair_on_circle, pairs_at_one, real_at, turning
@@ -347,10 +347,5 @@ def _touch(problem: Shooting, inner: Any, y: Array, special: SpecialPoint) -> tu
             f"locus: the orbit of special does not graze contact {special.contact!r}. Expected the grazing of a branch"
         )
     nearest = min(low, key=lambda e: abs(e.height))
-    new = (
-        touch_around(inner, inner.phases(y), contact, nearest.phase)
-        if nearest.hit
-        else touch(problem, inner, y, [contact], nearest.phase, lasts=False)
-    )
-    chart, y, numbers = inner.edited(y, (), new)
+    chart, y, numbers = inner.edited(y, (), touch(problem, inner, y, [contact], nearest.phase, hit=nearest.hit))
     return chart, y, numbers[0] + 1

@@ -62,6 +62,11 @@ class Mark(NamedTuple):
     hit: bool = False
 
 
+def mark_at(extreme: Extreme) -> Mark:
+    """Return the mark of an extreme."""
+    return Mark(extreme.contact, extreme.phase, hit=extreme.hit)
+
+
 class Change(NamedTuple):
     """A change between two neighbours: its share of the step, and the switches of what ends, or what begins."""
 
@@ -234,7 +239,7 @@ def newly_touching(now: Point, after: Point, flow: Flow | None = None) -> list[C
         if near is not None:
             share = min(max(-near.height, 0.0) / (e.height + max(-near.height, 0.0)), 1.0)
             phase = near.phase + share * (e.phase - near.phase)
-        found.append(Change(share, begins=Mark(e.contact, phase, hit=e.hit)))
+        found.append(Change(share, begins=mark_at(e)._replace(phase=phase)))
     return found
 
 
