@@ -45,9 +45,12 @@ class Friction(TwoPoints):
     The slip speed is ``w = v_a - v_b - belt``. While it slides, the force on a is ``coefficient * normal`` against w.
     While it sticks, w is zero exactly, and the force is the reaction that keeps it so; sticking ends where the reaction
     reaches ``static * normal``. With `stiffness` the slider is behind a spring (a Jenkins element): while it sticks,
-    w stretches the spring. `result.frictions` has the histories. ``"event_driven"`` treats sliders under a constant
-    normal force, the methods that step in time all sliders. Harmonic balance treats those with `stiffness`, and
-    shooting rigid ones, both under a constant normal force; shooting takes no belt.
+    w stretches the spring. This spring is relaxed at the start of a run, wherever a is then; hysteretic springs count
+    their elongation from ``u = 0`` instead. `result.frictions` has the histories.
+
+    ``"event_driven"`` treats sliders under a constant normal force, the methods that step in time all sliders. Harmonic
+    balance treats those with `stiffness`, and shooting rigid ones, both under a constant normal force; shooting takes
+    no belt.
 
     Raises
     ------

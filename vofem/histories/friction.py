@@ -41,7 +41,11 @@ class FrictionHistory:
 
     @property
     def force(self) -> Array:
-        """Friction force on a against the slip speed, N. In time steps it is the mean over the step before."""
+        """Friction force in N, positive where the slip speed is: it acts on a as ``-force`` and on b as ``+force``.
+
+        While the slider sticks it is the reaction, with the same sign. In time steps it is the mean over the step
+        before.
+        """
         return np.asarray(self._samples.force[self._index])
 
     @property
