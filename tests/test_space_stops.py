@@ -268,8 +268,14 @@ def test_what_is_missing_or_impossible_is_told():
             refused()
     jumping = vf.Contact(mass, side="below", **{**law, "acts_on": "displacement", "name": "jump"})
     both = vf.Scene([mass], [*scene.effects, jumping])
-    with pytest.raises(vf.MethodError, match="'jump' acts on"):
+    with pytest.raises(vf.MethodError, match=r"'jump' acts on .*: give Contact 'jump' acts_on='penetration'"):
         vf.simulate(both, 1.0, method="event_driven")
+    floor = vf.RigidStop(mass, gap=0.1, restitution=0.5, side="below", name="floor")
+    with pytest.raises(vf.MethodError, match=r"'floor' is rigid, .*: replace RigidStop 'floor' by a stiff Contact"):
+        vf.simulate(vf.Scene([mass], [*scene.effects, floor]), 1.0, method="event_driven")
+    rubbed = vf.Scene([mass], [*scene.effects, vf.Friction(mass, coefficient=0.3, normal=1.0, name="pad")])
+    with pytest.raises(vf.MethodError, match=r"'pad' acts beside contacts .* Or choose method='energy_conserving', "):
+        vf.simulate(rubbed, 1.0, method="event_driven")
 
 
 def test_a_published_mass_between_a_shaken_base_and_a_stop_in_space():

@@ -165,10 +165,12 @@ class ContactLaws(LawGroup):
             )
         if self.moving is not None and np.any(self.jump | self.rigid):
             j = int(np.argmax(self.jump | self.rigid))
-            why = "is rigid" if self.rigid[j] else "acts on the displacement"
+            why, cure = "acts on the displacement", f"give {self.labels[j]} acts_on='penetration'"
+            if self.rigid[j]:
+                why, cure = "is rigid", f"replace {self.labels[j]} by a stiff Contact with acts_on='penetration'"
             return (
                 f"{self._in_space()} sees the displacement of a base, and {self.labels[j]} {why}, so that it may rest "
-                f"at its gap; {method} does not treat both in one scene and needs acts_on='penetration'"
+                f"at its gap; {method} does not treat both in one scene: {cure}"
             )
         if self.ideal:
             return None

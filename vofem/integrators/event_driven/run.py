@@ -55,10 +55,11 @@ def obstacle(system: System) -> tuple[str, str] | None:
     """Return why this method cannot treat the system, with changes that help, and what other methods can; or None."""
     sliders, contacts = system.sliders, system.contacts
     if sliders is not None and contacts is not None and (contacts.moving is not None or np.any(contacts.jump)):
+        others = advice(system, steps=True)
         return (
             f"{sliders.labels[0]} acts beside contacts that stand in space or act on the displacement, which "
             f"{EVENT_DRIVEN.name} does not treat together; use acts_on='penetration' and stops that stand on the base",
-            "",
+            others and f"Or choose {others}",
         )
     for group in system.laws:
         reason = group.nonlinearity(EVENT_DRIVEN.name)
@@ -199,9 +200,17 @@ def _follow(
 def _storm(system: System, solution: EventSolution, t: float, limit: int) -> str:
     if system.contacts is None or not solution.events.time.size:
         return f"more than {limit} events of sliders by t = {t:.6g} s. Raise max_events or end the run earlier"
+    laws = system.contacts
     busy = int(np.bincount(solution.events.contact).argmax())
+    cure = ""
+    if laws.rigid[busy]:
+        cure = (
+            f"; the nearer restitution, here {laws.restitution[busy]:g}, is to 1, the more often a body that is "
+            "pressed on its stop bounces before it rests"
+        )
+    elif laws.jump[busy]:
+        cure = "; where the contact chatters, raise pin_fraction, below which chatter counts as rest at the gap"
     return (
-        f"more than {limit} contact events by t = {t:.6g} s, most of them of contact "
-        f"{system.contacts.names[busy]!r}. Raise max_events or end the run earlier; where the contact chatters with "
-        "acts_on='displacement', raise pin_fraction, below which chatter counts as rest at the gap"
+        f"more than {limit} contact events by t = {t:.6g} s, most of them of {laws.labels[busy]}. Raise max_events or "
+        f"end the run earlier{cure}"
     )
