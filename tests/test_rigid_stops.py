@@ -116,6 +116,25 @@ def test_masses_exchange_their_velocities_one_impact_after_the_other() -> None:
     assert result.energy.balance_error < 1e-14
 
 
+def test_at_equal_speeds_the_stop_acts_that_the_scene_has_first_and_those_without_restitution_act_last() -> None:
+    """Two stops at one place: the speed after the impact tells which of them has acted."""
+    mass = vf.Mass(1.0, name="mass")
+    for first, second, acts in ((0.5, 0.8, 0.5), (0.8, 0.5, 0.8), (0.0, 0.8, 0.8), (0.8, 0.0, 0.8)):
+        stops = [vf.RigidStop(mass, gap=1.0, restitution=e, side="above", name=f"e{e}") for e in (first, second)]
+        scene = vf.Scene([mass], stops, initial={mass: (0.0, 1.0)})
+        assert vf.simulate(scene, 2.0, method="event_driven").velocity(mass)[-1] == pytest.approx(-acts, rel=1e-12)
+
+
+def test_endless_bounces_are_refused_with_the_restitution() -> None:
+    """What helps against chatter of the displacement law is no advice for a rigid stop."""
+    ball = vf.Mass(1.0, name="ball")
+    floor = vf.RigidStop(ball, gap=0.0, restitution=0.999, side="below", name="floor")
+    scene = vf.Scene([ball], [floor, vf.Gravity(9.81)], initial={ball: (1e-3, 0.0)})
+    with pytest.raises(vf.EventStormError, match=r"most of them of RigidStop 'floor'.*, here 0\.999,") as told:
+        vf.simulate(scene, 100.0, max_events=20)
+    assert "pin_fraction" not in str(told.value)
+
+
 def test_two_masses_between_walls_agree_with_an_integration_written_for_them() -> None:
     """Masses, springs and dashpots between rigid stops, against DOP853 with impacts by events."""
     one = vf.Mass(1.0, stiffness=30.0, damping=0.2, name="one")
