@@ -123,7 +123,7 @@ def _frictions(run: Run) -> dict[str, Variable]:
     status = {"long_name": "0 sticks, 1 slides with a positive slip speed, -1 with a negative one"}
     found = {"friction": Variable(("friction",), np.array([one.name for one in sliders]))}
     for what, words, each in (
-        ("force", {"units": _common(forces), "long_name": "force on a against the slip speed"}, forces),
+        ("force", {"units": _common(forces), "long_name": "positive with the slip speed; -force acts on a"}, forces),
         ("slip_speed", {"units": _common(speeds)}, speeds),
         ("status", status, ()),
         ("dissipated", {"units": "J"}, ()),

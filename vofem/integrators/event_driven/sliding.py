@@ -41,7 +41,7 @@ _ZERO = 1e-11
 class FrictionSamples(NamedTuple):
     """Sliders at some times, each of shape (n_sliders, n_times)."""
 
-    force: Array  #: Force on a against the slip speed, N.
+    force: Array  #: Force with the sign of the slip speed, N; a feels the opposite.
     slip_speed: Array  #: m/s.
     status: Integers  #: 1 and -1 while it slides up and down, 0 while it sticks.
     dissipated: Array  #: Since t = 0, J.
