@@ -60,3 +60,14 @@ def test_a_stepping_run_has_none():
     result = vf.simulate(scene, 0.1, method="central_difference")
     with pytest.raises(vf.ArgumentError, match="central_difference does not tell its sensitivity"):
         _ = result.sensitivity
+
+
+def test_a_run_with_friction_has_none_and_its_accuracy_can_be_studied():
+    mass = vf.Mass(1.0, stiffness=1.0, name="mass")
+    pad = vf.Friction(mass, coefficient=0.5, normal=1.0, name="pad")
+    scene = vf.Scene([mass], [pad, vf.PointLoad(mass, vf.Sine(1.0, 2.0))])
+    with pytest.raises(vf.ArgumentError, match="'pad' is in the scene, and runs with friction do not tell"):
+        _ = vf.simulate(scene, 1.0, method="event_driven").sensitivity
+    found = vf.accuracy.cheapest(scene, 5.0, 1e-3, methods=["event_driven"]).run
+    assert found is not None
+    assert found.total.largest < 1e-12

@@ -122,9 +122,14 @@ class Result(Shown, Run):
         Raises
         ------
         ArgumentError
-            If the run used another method.
+            If the run used another method, or the scene has friction.
         """
         found = self.solution.sensitivity
+        if found is None and self.model.system.sliders is not None:
+            raise ArgumentError(
+                f"{self.model.system.sliders.labels[0]} is in the scene, and runs with friction do not tell their "
+                "sensitivity; compare the run with one whose initial state differs by 1e-10, say"
+            )
         if found is None:
             raise ArgumentError(f"a run of {self.method} does not tell its sensitivity; use {advice(exact=True)}")
         return found

@@ -62,7 +62,8 @@ def exact(scene: Scene, question: Question) -> Exact:
 
 def _by_events(scene: Scene, question: Question) -> Exact:
     result = _event_driven(scene, question)
-    horizon = result.sensitivity.horizon()
+    growth = result.solution.sensitivity
+    horizon = question.t_end if growth is None else growth.horizon()
     observed = observe(result, question.point)
     error, how = rounding(scene, question, observed, horizon, _event_driven), EVENT_DRIVEN.name
     if result.truncation is not None:
