@@ -111,6 +111,8 @@ def trouble(kind):
         return 3.0
     if kind == "object":
         return {"y": object()}
+    if kind == "large":
+        return {"y": 10**30}
     if kind == "shape":
         return {"y": [1.0, 2.0]}
     if kind == "clash":

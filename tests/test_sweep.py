@@ -233,6 +233,11 @@ def test_points_that_take_long_travel_alone():
         ("number", "TypeError: the function returned 3.0, expected a dict"),
         ("object", "TypeError: the function returned 'y' of type object"),
         (
+            "large",
+            "TypeError: the function returned 'y' of type int, expected a number or array; this whole number does not "
+            "fit into 64 bits",
+        ),
+        (
             "shape",
             "TypeError: the function returned 'y': number of shape (2,), expected 'y': number of shape () as at first",
         ),
