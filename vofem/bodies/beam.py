@@ -45,7 +45,8 @@ class Beam(Axis):
 
     Notes
     -----
-    Beams compare and hash by identity and are not meant to be changed.
+    Beams compare and hash by identity and are not meant to be changed. The attribute `supports` has the numbers of the
+    nodes, from 0, as keys in place of the names or places that were given.
     """
 
     length: Annotated[float, Real("m", "Length.", above=0.0)]
