@@ -96,12 +96,12 @@ def test_fast_modes_do_not_drive_the_search():
     assert looks[1] <= 1.5 * looks[0]
 
 
-def test_explain_says_what_is_left_out():
+def test_explain_says_what_the_scene_does_not_have():
     beam = cantilever(5, name="deck")
     text = str(vf.explain(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), vf.Sine(1.0, 1.0))])))
     assert "Beam 'deck': 5 elements, clamped at x = 0" in text
     assert "Method: event_driven" in text
-    assert "Not simulated: contacts, contact dampers, damping" in text
+    assert "Not in the scene: contacts, contact dampers, damping" in text
     explanation = vf.explain(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), lambda t: t)]))
     assert explanation.method == "energy_conserving"
     assert "closed form" in explanation.why

@@ -143,7 +143,7 @@ def _explanation(found: Explanation) -> tuple[Table, None]:
     rows += [
         ("unknowns", f"{found.unknowns}"),
         ("method", f"{found.method}, because {found.why}"),
-        ("not simulated", ", ".join(found.absent) or "nothing is left out"),
+        ("not in the scene", ", ".join(found.absent) or "nothing"),
     ]
     return _table("What will be simulated", rows), None
 

@@ -1,4 +1,4 @@
-"""What will be simulated, by which method and why, and what will not."""
+"""What will be simulated, by which method and why, and what the scene does not have."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from vofem.system import System
 
 @dataclass(frozen=True, repr=False)
 class Explanation(Shown):
-    """What will be simulated, by which method and why, and what is left out. Print it to read it.
+    """What will be simulated, by which method and why, and what the scene does not have. Print it to read it.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Explanation(Shown):
         lines += ["Effects", *(f"  {line}" for line in self.effects or ("none",))]
         lines += ["Start", *(f"  {line}" for line in self.start or ("at rest",))]
         lines += [f"Unknowns: {self.unknowns}", f"Method: {self.method}, because {self.why}"]
-        lines.append(f"Not simulated: {', '.join(self.absent) or 'nothing is left out'}")
+        lines.append(f"Not in the scene: {', '.join(self.absent) or 'nothing'}")
         return "\n".join(lines)
 
     # Notebooks and prompts show an object by its repr.
@@ -84,7 +84,7 @@ def _start_of(scene: Scene) -> tuple[str, ...]:
 
 
 def explain(scene: Scene, t_end: float | None = None, tol: float | None = None) -> Explanation:
-    """Return what will be simulated, by which method and why, and what is left out.
+    """Return what will be simulated, by which method and why, and what the scene does not have.
 
     Parameters
     ----------
