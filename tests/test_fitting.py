@@ -53,6 +53,8 @@ def test_windows_that_grow_find_the_global_one_of_five_minima() -> None:
     assert found["grow"].values[0] == pytest.approx(best["estimate"]["gap"], rel=1e-9)
     assert found["grow"].chi2 == pytest.approx(best["chi2"], rel=1e-9)
     assert found[None].chi2 > 1e3 * best["chi2"]
+    assert [note.startswith("misfit: chi2 = ") for note in found[None].notes] == [True]
+    assert found["grow"].notes == []
 
 
 def test_numbers_on_which_the_data_do_not_depend_are_named() -> None:

@@ -31,6 +31,9 @@ _WINDOWS = (0.125, 0.25, 0.5, 1.0)
 #: A window ends early: the next one starts from its result, which needs not be exact.
 _ROUGH = 1e-4
 
+#: Chance of a sum of squares, if model and noise are right, below which a note doubts them.
+_BY_CHANCE = 1e-6
+
 #: Singular values of the scaled Jacobian, relative to the largest one, below which a combination is not identifiable.
 _SINGULAR = 1e-9
 
@@ -154,6 +157,8 @@ def _outcome(data: tuple[Data, ...], problem: _Problem, starts: tuple[FitStart, 
             f"no deviations: {solved.residuals.size} data determine as many numbers, so that they do not tell their "
             "noise; give noise=, or more data"
         )
+    if problem.noise_is_known:
+        notes += _doubts(solved)
     low, high = problem.bounds
     for k, parameter in enumerate(parameters):
         size = max(abs(values[k]), 1e-300)
@@ -163,6 +168,20 @@ def _outcome(data: tuple[Data, ...], problem: _Problem, starts: tuple[FitStart, 
         parameters, data, scene, starts, values, solved.x[p:], covariance, lost, solved.residuals, solved.chi2,
         solved.until, solved.runs, notes,
     )  # fmt: skip
+
+
+def _doubts(solved: _Solved) -> list[str]:
+    """Return a note if residuals are so much larger than the given noise that chance does not explain it."""
+    from scipy.special import gammaincc
+
+    spare = solved.residuals.size - np.linalg.matrix_rank(solved.jacobian)
+    if spare == 0 or gammaincc(0.5 * spare, 0.5 * solved.chi2) >= _BY_CHANCE:
+        return []
+    return [
+        f"misfit: chi2 = {solved.chi2:.3g}, expected about {spare}, the number of data less that of the unknowns. The "
+        "fit has ended in a wrong minimum, the model lacks an effect, or the noise is larger than given. The "
+        "deviations then mean nothing; try more starts, and look at the residuals"
+    ]
 
 
 @dataclass
