@@ -131,7 +131,8 @@ def basin_map(basins: Basins, path: Where = None, *, labels: tuple[str, str] | N
     basins : Basins
         The outcome of `vofem.basins` over a grid of two parameters.
     labels : tuple of str, optional
-        Labels of the axes: names and units of the two parameters.
+        Labels of the axes: names and units of the two parameters. The default is their names, with m and m/s for
+        "displacement" and "velocity".
 
     Raises
     ------
@@ -152,7 +153,8 @@ def basin_map(basins: Basins, path: Where = None, *, labels: tuple[str, str] | N
     norm = BoundaryNorm(np.arange(len(colors) + 1) - 0.5, len(colors))
     axes.grid(False)
     axes.pcolormesh(rows, columns, index.T, shading="nearest", cmap=ListedColormap(colors), norm=norm)
-    xlabel, ylabel = labels or (first, second)
+    units = {"displacement": " [m]", "velocity": " [m/s]"}
+    xlabel, ylabel = labels or (name + units.get(name, "") for name in (first, second))
     axes.set(xlabel=plain(xlabel), ylabel=plain(ylabel))
     handles = [Patch(color=color, label=plain(name)) for color, name in zip(colors[:-1], names, strict=False)]
     if np.any(index == len(colors) - 1):
