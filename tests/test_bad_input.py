@@ -142,7 +142,8 @@ def in_this_process(study, *arguments, **more):
 
 # What is no list, no name and no series where one is expected.
 CASES += [
-    *((lambda v=v: run()[1].along_shape(v), "no body is named") for v in (3, [], {}, ["deck"], np.ones((1, 2)))),
+    *((lambda v=v: run()[1].along_shape(v), "expected a body or its name")
+      for v in (3, [], {}, ["deck"], np.ones((1, 2)))),
     *((lambda v=v: run()[1].contacts[v], "no contact is named") for v in (3, [], {"a": 1}, np.ones(2))),
     (lambda: run()[1].displacement(run()[0].at(1.0), np.ones((2, 2))),
      r"t is an array of shape \(2, 2\), expected a time"),
@@ -194,7 +195,26 @@ CASES += [
     (lambda: vf.simulate(scene()[1], 1.0, method="energy_conserving", order=2), "it takes nearby"),
     (lambda: vf.simulate(scene()[1], 1.0, probes="tip"), r"probes is 'tip', expected points such as beam.at\(x\)"),
     (lambda: vf.resume("nowhere.checkpoint"), "does not exist, expected a checkpoint of vofem.simulate"),
-]
+    (lambda: vf.simulate(scene()[1], 1.0, method=np.array(["event_driven"])), "method is array.* expected one of"),
+    (lambda: vf.Scene(np.ma.masked), "bodies is masked, expected a list"),
+    (lambda: vf.Scene([beam()], np.array("a")), "effects is array.*, expected a list"),
+    (lambda: scene()[1].replace(np.zeros(3), gap=1.0), "is no effect of the scene"),
+    (lambda: vf.PointLoad(vf.Mass(1.0), int), "PointLoad: f is <class 'int'>, expected a number, a callable of t"),
+    (lambda: vf.PointLoad(vf.Mass(1.0), vf.Sine), r"write Sine\(\.\.\.\)"),
+    (lambda: vf.simulate(scene()[1], 1.0, progress=lambda: None),
+     "simulate: progress is .* a function of the time reached and t_end; a call says: .*takes 0 positional"),
+    (lambda: run()[1].bending_moment(0.5, run()[0], 0.5), "body is 0.5, expected a body or its name, 'deck'; "),
+    (lambda: vf.equilibrium(scene()[1]).deflection(run()[0], [0.5]), "body is .0.5., expected a body or its name"),
+    (lambda: vf.modes(scene()[1], 2).shape(0, "deck", np.zeros(3)), "body is array.*, expected a body or its name"),
+]  # fmt: skip
+
+
+def test_errors_within_a_function_of_progress_stay_what_they_are():
+    def faulty(t, t_end):
+        return t + "s"
+
+    with pytest.raises(TypeError, match="unsupported operand"):
+        vf.simulate(scene()[1], 1.0, progress=faulty)
 
 
 def test_load_functions_that_raise():

@@ -306,7 +306,11 @@ def test_integers_become_floats_only_where_points_failed():
     def function(x):
         return {"n": 1 // x}
 
-    assert vf.sweep(function, {"x": [1, 2]}, executor="serial")["n"].dtype.kind == "i"
+    table = vf.sweep(function, {"x": [1, 2]}, executor="serial")
+    assert table["n"].dtype.kind == "i"
+    for read in (lambda: table[[]], lambda: table.parameter(np.zeros(2))):
+        with pytest.raises(vf.ArgumentError, match=r"no (quantity|parameter) is named"):
+            read()
     assert np.isnan(vf.sweep(function, {"x": [1, 0]}, executor="serial")["n"][1])
 
 

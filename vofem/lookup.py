@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from vofem._validate import name_of, unknown, wrong
+from vofem._validate import name_of, one_of, unknown, wrong
 from vofem.assembly import Model
 from vofem.assembly.triplets import stacked
 from vofem.bodies.base import Body, Point, Row
@@ -23,6 +23,8 @@ def body_named(bodies: Iterable[Body], body: Any, cure: str = "") -> Body:
     """
     known = {candidate.name: candidate for candidate in bodies}
     name = name_of(body)
+    if not isinstance(getattr(body, "name", body), str):
+        raise wrong("body", name, f"a body or its name, {one_of(tuple(known))}", "; are arguments in another order?")
     if name not in known:
         raise unknown("body", name, known, cure)
     return known[name]

@@ -48,7 +48,7 @@ class TerminalBar:
             )
         self.shown = progress is True or (progress is None and sys.stderr is not None and sys.stderr.isatty())
         self._total, self._counting, self._begin = total, counting, done
-        self._report = progress if callable(progress) else None
+        self._label, self._report = label, progress if callable(progress) else None
         self._drawn = time.monotonic() + _PATIENCE - _REFRESH
         self._bar: Any = None
         self._task: Any = None
@@ -63,7 +63,7 @@ class TerminalBar:
     ) -> None:
         """Show the work done and a description; seldom, unless `at_once`. Call the user's function with a report."""
         if self._report is not None and report:
-            self._report(*report)
+            self._call(self._report, report)
         now = time.monotonic()
         if not self.shown or not (at_once or now - self._drawn >= _REFRESH):
             return
@@ -83,6 +83,19 @@ class TerminalBar:
             self._task = self._bar.add_task("", total=self._total, completed=self._begin)
         self._bar.update(self._task, completed=done, description=description, refresh=True)
         self._drawn = now
+
+    def _call(self, function: Callable[..., Any], report: tuple[Any, ...]) -> None:
+        """Call the user's function; raise `ArgumentError` if it does not take the arguments."""
+        try:
+            function(*report)
+        except TypeError as error:
+            if error.__traceback__ is not None and error.__traceback__.tb_next is not None:
+                raise  # from within the function
+            caller, arguments = self._label
+            raise ArgumentError(
+                f"{caller}: progress is {function!r}, expected True, False, or a function of {arguments}; a call says: "
+                f"{error}"
+            ) from None
 
     def __enter__(self) -> Self:
         return self

@@ -218,7 +218,7 @@ class Scene(Shown):
             known_names = (getattr(known, "name", None) for known in self.effects)
             names = tuple(name for name in known_names if isinstance(name, str))
             count = "no effect of the scene" if not found else "there more than once"
-            body = any(effect is body or effect == body.name for body in self.bodies)
+            body = any(effect is body or (isinstance(effect, str) and effect == body.name) for body in self.bodies)
             cure = "build the scene anew with another body" if body else "give one of its effects, or its name"
             raise ArgumentError(
                 f"Scene.replace: {_shown(effect)} is {count}"
@@ -261,7 +261,8 @@ public(Scene)
 
 
 def _as_tuple(what: str, things: Any) -> tuple[Any, ...]:
-    if isinstance(things, (str, bytes)) or not isinstance(things, Iterable):
+    # Arrays without dimensions, such as np.ma.masked, are iterable by their class only.
+    if isinstance(things, (str, bytes)) or not isinstance(things, Iterable) or getattr(things, "shape", None) == ():
         raise ArgumentError(f"Scene: {what} is {_shown(things)}, expected a list of {what}; write [...] around it")
     return tuple(things)
 

@@ -14,6 +14,7 @@ from vofem.assembly import Model
 from vofem.bodies.base import Body
 from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError
+from vofem.lookup import body_named
 from vofem.scene import Scene, as_scene
 from vofem.system import System
 
@@ -67,7 +68,7 @@ class Modes:
             Number of the mode, counted from 0.
         x : array_like, optional
             Places along a beam in m. It has no meaning for a mass.
-        body : Beam or Mass, optional
+        body : Beam or Mass, or its name, optional
             The body. It must be given if the scene has several.
 
         Returns
@@ -90,9 +91,7 @@ class Modes:
             if len(bodies) != 1:
                 raise ArgumentError(f"the scene has {len(bodies)} bodies; say which one with body=")
             return bodies[0]
-        if body not in bodies:
-            raise ArgumentError(f"{body!r} is not in the scene")
-        return body
+        return body_named(bodies, body)
 
 
 def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:

@@ -66,8 +66,9 @@ def checked_plan(
     if tol is not None:
         tol = number("simulate: tol", tol, positive=True)
     # Steps of one size were asked for by name only, so dt is answered below.
+    _check_method(method)
     chosen = choose(system, t_end, tol if dt is None else None).method if method == "auto" else method
-    _check_options(chosen, method, options)
+    _check_options(chosen, options)
     description = method_named(chosen)
     if not description.steps:
         if dt is not None:
@@ -94,11 +95,15 @@ def checked_plan(
     return Plan(chosen, t_end, wanted, step, options, rows, start, t_start, scene.forgotten(other), compiled)
 
 
-def _check_options(chosen: str, method: str, options: dict[str, Any]) -> None:
-    """Raise for a method that there is not, or options that it does not take."""
+def _check_method(method: Any) -> None:
+    """Raise for a method that there is not."""
     names = ("auto", *method_names())
-    if chosen not in names:
+    if not isinstance(method, str) or method not in names:
         raise ArgumentError(f"simulate: method is {method!r}, expected {one_of(names)}{hint(method, names)}")
+
+
+def _check_options(chosen: str, options: dict[str, Any]) -> None:
+    """Raise for options that a method does not take."""
     taken = option_names(chosen)
     unknown = sorted(set(options) - set(taken))
     if unknown:

@@ -433,10 +433,11 @@ def as_time_function(value: Any, what: str = "a function of time") -> TimeFuncti
     """Return a number, a callable of t or a `TimeFunction` as a `TimeFunction`; `what` names it in messages."""
     if isinstance(value, TimeFunction):
         return value
-    if callable(value):
+    if callable(value) and not isinstance(value, type):
         return Arbitrary(value)
     if isinstance(value, str) or not np.isscalar(value):
-        raise wrong(what, repr(value), "a number, a callable of t, Sine, Ramp, Tabulated, ...")
+        cure = f"; write {value.__name__}(...)" if isinstance(value, type) and issubclass(value, TimeFunction) else ""
+        raise wrong(what, repr(value), "a number, a callable of t, Sine, Ramp, Tabulated, ...", cure)
     return Constant(number(what, value))
 
 

@@ -268,7 +268,7 @@ class PeriodicOrbit(Shown):
         ----------
         point : point of a body, or the name of a mass
         count : int
-            Number of harmonics beyond the mean.
+            Number of harmonics beyond the mean, at most 1000.
 
         Returns
         -------
@@ -280,9 +280,9 @@ class PeriodicOrbit(Shown):
         Raises
         ------
         ArgumentError
-            If count is negative or not a whole number.
+            If count is not a whole number from 0 to 1000.
         """
-        count = whole("harmonics: count", count, least=0)
+        count = whole("harmonics: count", count, least=0, most=1000)
         panels = _PANELS + 2 * count
         events = np.asarray(self.result.solution.events.time, dtype=float)
         edges = np.linspace(0.0, self.period, panels + 1)
@@ -291,8 +291,8 @@ class PeriodicOrbit(Shown):
         times = (edges[:-1, None] + 0.5 * width[:, None] * (1.0 + _NODES)).ravel()
         weights = (0.5 * width[:, None] * _WEIGHTS).ravel() / self.period
         u = self.result.displacement(point, times)
-        turn = np.exp(-2j * np.pi * np.outer(np.arange(count + 1), times / self.period))
-        coefficients = 2.0 * (turn @ (weights * u))
+        angle = -2j * np.pi * times / self.period
+        coefficients = np.array([2.0 * (np.exp(k * angle) @ (weights * u)) for k in range(count + 1)])
         coefficients[0] *= 0.5
         return coefficients
 

@@ -92,7 +92,7 @@ class Sweep(Mapping[str, NDArray]):
     missing: tuple[int, ...] = ()
 
     def __getitem__(self, name: str) -> NDArray:
-        if name not in self._columns:
+        if not isinstance(name, str) or name not in self._columns:
             raise unknown("quantity", name, self._columns)
         column = self._columns[name]
         return column.reshape(*self.points.shape, *column.shape[1:])
@@ -119,7 +119,7 @@ class Sweep(Mapping[str, NDArray]):
         ArgumentError
             If there is no such parameter.
         """
-        if name not in self.points.names:
+        if not isinstance(name, str) or name not in self.points.names:
             raise unknown("parameter", name, self.points.names)
         values = _array([row[name] for row in self.points.rows])
         return values.reshape(*self.points.shape, *values.shape[1:])
