@@ -392,22 +392,26 @@ class Follower:
         """
         if step > _SHORT:
             return None
+        own = sided(now, now.tangent)
+
+        def facing(y: Array, towards: Array, evaluation: Any = None) -> Point:
+            found = point_at(self.family, now.chart, y, towards, evaluation, scales=now.scales)
+            return found if sided(found, found.tangent) == own else found.turned()
+
         ahead = now.y + step * now.tangent * now.scales
         with contextlib.suppress(ConvergenceError, np.linalg.LinAlgError):
-            beyond = point_at(self.family, now.chart, ahead, now.tangent, scales=now.scales)
-            if sided(beyond, now.tangent) != sided(now, now.tangent):
-                beyond = beyond.turned()
-            guess, after = ahead + step * beyond.tangent * now.scales, beyond
+            after = facing(ahead, now.tangent)
+            guess = ahead + step * after.tangent * now.scales
             for _ in range(2):
                 y, evaluation = corrected(self.family, now.chart, guess, now.scales, after.tangent, after.by_value)
-                after = point_at(self.family, now.chart, y, after.tangent, evaluation, scales=now.scales)
+                after = facing(y, after.tangent, evaluation)
                 way = Step(now, after)
                 # The way from end to end leads along both sides where the corner is as far from both.
-                legs = np.column_stack([now.tangent, after.tangent])
-                far = float(np.linalg.lstsq(legs, way.secant)[0][0])
-                guess = now.y + far * (now.tangent + after.tangent) * now.scales
-            if after.tangent @ beyond.tangent > _REFUSED and far > 0.0 and way.length <= _NEAR:
-                self._take(after, way, self._examined(way, 0.0) or ())
+                far = np.linalg.lstsq(np.column_stack([now.tangent, after.tangent]), way.secant)[0]
+                guess = now.y + far[0] * (now.tangent + after.tangent) * now.scales
+            if far.min() > 0.0 and way.length <= _NEAR:
+                # What comes beyond is not predicted from what was before.
+                self._take(after, None, self._examined(way, 0.0) or ())
                 return after, step
         return None
 

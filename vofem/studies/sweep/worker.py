@@ -160,7 +160,7 @@ def _values(returned: Any, point: dict[str, Any]) -> dict[str, NDArray]:
             raise TypeError(f"the function returned {name!r}, which is the name of a parameter; choose another name")
         array = np.asarray(value)
         if array.dtype.kind not in _KINDS:
-            large = "; this whole number does not fit into 64 bits, so return float(...)" * isinstance(value, int)
+            large = "; this whole number does not fit into 64 bits, so return float()" if isinstance(value, int) else ""
             raise TypeError(
                 f"the function returned {name!r} of type {type(value).__name__}, expected a number or array{large}"
             )
