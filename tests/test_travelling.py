@@ -330,6 +330,22 @@ def test_a_mass_that_is_tied_to_the_beam_below_it():
     np.testing.assert_allclose(one, two, rtol=0, atol=1e-12 * np.max(np.abs(two)))
 
 
+def test_a_tied_mass_steps_onto_a_beam_and_off_it_at_supports_only():
+    # Between the level of the supports and a deflected beam a tie would move it within one step, however short.
+    cantilever = vf.Beam(1.0, EI=1.0, rhoA=1.0, elements=4, supports={"left": "clamped"}, name="cantilever")
+    load = vf.PointLoad(cantilever.at(0.4), 1.0)
+    for path, when in ((vf.Path(1.0, start=0.4), 0.6), (vf.Path(-0.5, start=1.3), 0.6), (vf.Path(0.3, 0.4, 0.5), 0.5)):
+        scene = vf.Scene([cantilever], [vf.PointMass(cantilever.along(path), mass=0.1), load])
+        with pytest.raises(vf.MethodError, match=f"at t = {when:g} s, where no support holds"):
+            vf.simulate(scene, 1.0, dt=1e-2)
+        with pytest.raises(vf.MethodError, match=f"at t = {when - 0.1:g} s, where no support holds"):
+            vf.simulate(scene, 1.0, tol=1e-3, t_start=0.1)
+        vf.simulate(scene, 0.4, dt=1e-2)
+    # It may turn round before, and come and leave at the clamp.
+    for path in (vf.Path(1.0, start=0.4, acceleration=-2.0), vf.Path(0.5, start=-0.1), vf.Path(-1.0, start=0.4)):
+        vf.simulate(vf.Scene([cantilever], [vf.PointMass(cantilever.along(path), mass=0.1), load]), 1.0, dt=1e-2)
+
+
 def test_springs_and_dashpots_that_rest_on_a_path_are_ordinary_ones():
     beam = vf.Beam(2.0, EI=50.0, rhoA=1.0, elements=4, supports=ENDS, name="beam")
     load = vf.PointLoad(beam.at(1.0), vf.Sine(3.0, 11.0))

@@ -162,6 +162,17 @@ class TravellingPoint(Point):
         times = np.unique(np.append(self.path.times_at(self.body.nodes), self.path.begin))
         return times[(times > 0.0) & (times < t_end)]
 
+    def jumps(self, start: float, stop: float) -> Array:
+        """Return the times after a start, up to a stop, at which the point steps onto the beam, or off it, in s.
+
+        Where a support holds the beam there is no step.
+        """
+        nodes, slack = self.body.nodes, _AT * self.body.element_lengths.min()
+        held = nodes[[node for node, kind in self.body.supports.items() if kind != "guided"]]
+        times = np.unique(np.append(self.path.times_at(nodes[[0, -1]]), self.path.begin))
+        far = np.abs(self.path.position(times)[:, None] - held) > slack
+        return times[self.inside(times) & np.all(far, axis=1) & (times > start) & (times <= stop)]
+
     def cubics(self, t: Array, derivative: int = 0, *, ahead: bool = False) -> tuple[IntArray, Array]:
         """Return degrees of freedom and weights of a derivative of eta by x at times t, each of shape (k, 4).
 

@@ -105,7 +105,7 @@ class PointMass(Acting):
     """A mass, with or without rotary inertia, fixed to a point.
 
     The point may travel: the mass is then tied to the beam below it, and rests at the level of the supports where it is
-    not on the beam.
+    not on the beam. It may therefore come onto the beam, and leave it, at supports only; runs refuse others.
     """
 
     symbol = "mass"

@@ -36,6 +36,12 @@ class Track(Protocol):
     def present(self, t: Array) -> NDArray[np.bool_]:
         """Return whether there is anything below the point at times t."""
 
+    def jumps(self, start: float, stop: float) -> Array:
+        """Return the times at which the point steps onto the body, or off it, where that is not held, s."""
+
+    def describe(self) -> str:
+        """Return body and path."""
+
 
 @dataclass(frozen=True)
 class Rider:
@@ -75,6 +81,10 @@ class Rider:
     def present(self, times: Array) -> NDArray[np.bool_]:
         """Return whether the law finds anything at times."""
         return self.track.present(self.start + times)
+
+    def jumps(self, end: float) -> Array:
+        """Return the times until the end of the run at which its point steps onto the body, or off it, s."""
+        return self.track.jumps(self.start, self.start + end) - self.start
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
+from vofem.errors import MethodError
 from vofem.laws import LawGroup
 from vofem.laws.moving import Rider
 from vofem.laws.rows import Rows, compressed
@@ -91,11 +92,21 @@ class Movement:
             found[:, law] += np.asarray(rider.rates(times).multiply(q).sum(axis=1)).ravel()
         return found
 
-    def begin_ties(self, q: Array, v: Array) -> None:
-        """Put masses that travel on the beam, and let them move with it, at t = 0; q and v are changed."""
+    def begin_ties(self, q: Array, v: Array, end: float) -> None:
+        """Put masses that travel on the beam, and let them move with it, at t = 0; q and v are changed.
+
+        Raises `MethodError` where one of them steps onto the beam, or off it, before the end of the steps in s: its
+        tie would move it from the level of the supports to the beam, or back, within one step.
+        """
         now = np.zeros(1)
         for law in np.flatnonzero(self.tied).tolist():
             own, rider = self.rest.indices[self.rest.indptr[law]], self._riders[law]
+            if (jumps := rider.jumps(end)).size:
+                raise MethodError(
+                    f"the mass that is tied to {rider.track.describe()} steps onto the beam, or off it, at "
+                    f"t = {jumps[0]:g} s, where no support holds the beam; a tie cannot do this. Let it begin on the "
+                    "beam at t = 0, end the run before that time, or let a Mass roll on a Contact that travels"
+                )
             row, rate = rider.rows(now), rider.rates(now)
             q[own] = float((row @ q)[0])
             v[own] = float((row @ v)[0] + (rate @ q)[0])

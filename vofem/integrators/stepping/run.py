@@ -68,7 +68,7 @@ class Run:
         u = np.zeros(0) if self.rows is None else np.asarray(self.rows @ q)
         if self.movement is not None:
             now = np.zeros(1)
-            self.movement.begin_ties(q, v)
+            self.movement.begin_ties(q, v, longest)
             self.start = State(q[self.back], v[self.back], start.internal)
             u = self.movement.along(q[None, :], now)[0] + self.movement.offsets(now)[0, 0]
             u = np.where(self.movement.present(now)[0], u, self.movement.away)
