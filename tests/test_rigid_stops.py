@@ -421,3 +421,26 @@ def test_a_force_that_begins_to_press_bodies_at_rest_on_each_other_makes_no_boun
     result = vf.simulate(scene, 1.9, times=[0.0, 1.9], method="event_driven", max_events=100)
     np.testing.assert_allclose(result.displacement(lower)[-1], -0.5 * (1.0 - np.cos(0.9)), rtol=1e-12)
     np.testing.assert_allclose(result.contacts["stop"].pinned, [[1.0, 1.9]], atol=1e-9)
+
+
+@pytest.mark.parametrize("stiffness", [0.0, 1.0])
+@pytest.mark.parametrize(
+    "force",
+    [
+        vf.Ramp(-1.0, 0.7, 2.0),
+        vf.Tabulated([0.0, 0.7, 1.5, 2.0], [0.0, 0.0, -1.0, -0.5]),
+        vf.Sine(1.0, 2.0, np.pi / 2.0) - 1.0,
+        vf.Sine(1.0, 2.0) + vf.Ramp(-2.0),
+    ],
+    ids=["ramp", "samples", "second derivative", "third derivative"],
+)
+def test_a_force_that_begins_at_zero_presses_bodies_at_rest_on_each_other(force: object, stiffness: float) -> None:
+    # However slowly it begins, there is no bounce, and both move as one body.
+    lower, upper = (vf.Mass(1.0, stiffness=stiffness, name=name) for name in ("lower", "upper"))
+    stop = vf.RigidStop(lower, upper, gap=0.0, restitution=0.5, name="stop")
+    run = vf.simulate(vf.Scene([lower, upper], [stop, vf.PointLoad(upper, force)]), 1.4, method="event_driven")
+    assert len(run.contacts["stop"].impacts) == 1
+    one = vf.Mass(2.0, stiffness=2.0 * stiffness, name="one")
+    both = vf.simulate(vf.Scene([one], [vf.PointLoad(one, force)]), 1.4, method="event_driven").displacement(one)
+    np.testing.assert_allclose(run.displacement(lower), both, rtol=0, atol=1e-13 * np.max(np.abs(both)))
+    np.testing.assert_allclose(run.displacement(upper), both, rtol=0, atol=1e-13 * np.max(np.abs(both)))

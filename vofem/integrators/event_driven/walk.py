@@ -49,6 +49,9 @@ _ZERO = 1e-13
 #: Share of the time of a search within which an open contact is not told from one that rests at its gap.
 _NEAR = 1e-6
 
+#: Derivatives of forces that are looked at where bodies at rest begin to be pressed on a stop.
+_MOST_DERIVATIVES = 4
+
 #: Linear pieces that are kept as searches take them.
 _MOST_PIECES = 16
 
@@ -120,10 +123,14 @@ class Walker:
         solution.gaps_now = self._gaps
         solution.counters.steps += 1
         self._triggered = set()
-        if not hits.size and isinstance(solution, SlidingSolution) and tau >= duration:
-            # Loads may jump here.
-            self._decide({})
-            self._triggered = self._changed(record.last_status)
+        if not hits.size and tau >= duration:
+            # Loads may jump here, or begin to press on what touches its stop at rest.
+            touching = self._laws.rigid & (self.status == OPEN) & (self._gaps == 0.0)
+            if touching.any():
+                self._strike(touching)
+            if isinstance(solution, SlidingSolution):
+                self._decide({})
+                self._triggered = self._changed(record.last_status)
         if hits.size:
             exits = regime.exits
             self._pass_event(dict(zip(exits.owner[hits].tolist(), exits.leads[hits].tolist(), strict=True)))
@@ -272,11 +279,9 @@ class Walker:
         laws, rows, done = self._laws, self._rows, set[int]()
         # Displacements that are rounded move as quickly as they would vibrate.
         rounded = np.sqrt(np.abs(self.solution.space.stiffness)) * np.abs(self.displacement)
-        # Forces give such speeds within the rounding of times, so no later bounce would be told from this one.
-        gained = np.finfo(float).eps * self.solution.t_end * self._forces()
         for _ in range(_MOST_AT_ONCE):
             at_rest = laws.rigid & (self.status == PINNED)
-            speed, zero = rows @ self.velocity, _ZERO * (np.abs(rows) @ (np.abs(self.velocity) + rounded)) + gained
+            speed, zero = rows @ self.velocity, _ZERO * (np.abs(rows) @ (np.abs(self.velocity) + rounded))
             self._largest = np.where(touching | at_rest, np.maximum(self._largest, speed), self._largest)
             limit = np.maximum(REST * self._largest, zero)
             for j in np.flatnonzero(at_rest & (speed < -limit)).tolist():
@@ -346,13 +351,7 @@ class Walker:
             pushed, size = self._pushed(int(j), velocity), np.abs(row) @ np.abs(force)
             pulled = self._pulls(settled, zero)
             if abs(pushed) <= _ZERO * size:
-                # Nothing pushes yet. The rate of the forces decides, as at the begin of a load.
-                rates = (
-                    vector * float(function.derivative(self.time))
-                    for vector, function in zip(solution.load_vectors, solution.load_functions, strict=True)
-                )
-                rate = sum(rates, -space.stiffness * velocity - space.damping_force(force))
-                pushed, size = float(row @ rate), 0.0
+                pushed, size = self._begins(row, velocity, force), 0.0
             if pushed > _ZERO * size and not (pulled and j not in done):
                 if self._bounced:
                     # Others have bounced at the same time: what each impact does is between segments of its own.
@@ -363,6 +362,30 @@ class Walker:
                 done.add(j)
                 return True
         return False
+
+    def _begins(self, row: Array, velocity: Array, force: Array) -> float:
+        """Return the first derivative of the push along a row that is not zero, of what does not push yet.
+
+        `velocity`, `force`: modal velocities and accelerations. A derivative of a load counts as zero where the others
+        exceed it by far within the time in which the load changes, as the first one of a cosine does.
+        """
+        solution = self.solution
+        space, orders = solution.space, np.arange(1, _MOST_DERIVATIVES + 1)
+        short = min((function.shortest(solution.t_end) for function in solution.load_functions), default=np.inf)
+        powers = min(short, solution.t_end) ** orders
+        loads, sizes = np.zeros((2, orders.size, row.size))
+        for vector, function in zip(solution.load_vectors, solution.load_functions, strict=True):
+            terms = np.array([float(function.derivative(self.time, int(order))) for order in orders])[:, None] * vector
+            loads, sizes = loads + terms, sizes + np.abs(terms)
+        noise = np.max((sizes @ np.abs(row)) * powers) / powers
+        before, after = velocity, force
+        for load, own, least in zip(loads, sizes, noise, strict=True):
+            stiff, damped = space.stiffness * before, space.damping_force(after)
+            before, after = after, load - stiff - damped
+            push = float(row @ after)
+            if abs(push) > _ZERO * max(float(np.abs(row) @ (own + np.abs(stiff) + np.abs(damped))), float(least)):
+                return push
+        return 0.0
 
     def _pulls(self, settled: NDArray[np.bool_], zero: Array) -> bool:
         """Return whether contacts that came to rest now would have to be pulled at by a stop where others rest."""
