@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from orbit_scenes import masses_at
-from populations import REPEATS, SAME, Outcome, away, both_ways, differing, drawn, end_of, followed
+from populations import REPEATS, SAME, Outcome, away, both_ways, differing, drawn, end_of, followed, varied
 
 import vofem as vf
 
@@ -19,6 +19,9 @@ import vofem as vf
 #: `python tests/populations.py` follows any others.
 SEEDS = (0, 7, 216, 215, 301, 313)
 
+#: With a rigid stop and an elastic one; with both between bodies, and two loads; with a rigid stop and a dashpot.
+VARIED = (64, 51, 5)
+
 
 def stored(name):
     """Return the value of the parameter at which a branch begins, and a guess of its orbit there."""
@@ -27,9 +30,9 @@ def stored(name):
     return known["value"], SimpleNamespace(state_of=lambda _: state)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_a_branch_of_the_population(seed):
-    case = drawn(seed)
+@pytest.mark.parametrize(("draw", "seed"), [*((drawn, seed) for seed in SEEDS), *((varied, seed) for seed in VARIED)])
+def test_a_branch_of_the_population(draw, seed):
+    case = draw(seed)
     found = both_ways(case)
     assert [one.end for one in found] == ["other end"] * 2
     assert max(found[0].away + found[1].away) <= REPEATS

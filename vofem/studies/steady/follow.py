@@ -183,17 +183,16 @@ class Follower:
                 if not pressed() and (self.seconds is None or time.monotonic() > work.until):
                     # The limit is that of a search which this walk is a part of.
                     raise
-                now = self.points[-1]
-                self.interrupted = pressed()
-                told = f"the limit of {self.seconds} s was reached at {now.value:.9g}; raise max_seconds to go on"
+                now, self.interrupted = self.points[-1], pressed()
                 if self.interrupted:
                     told = f"interrupted at {now.value:.9g}: what was found until then is here"
+                else:
+                    told = f"the limit of {self.seconds:g} s was reached at {now.value:.9g}; raise max_seconds to go on"
                 self._stopped(now, told)
-            else:
-                if pressed():
-                    # What comes after the branch, such as pictures, is to hear of it too.
-                    self.interrupted = True
-                    self.notes.append(f"interrupted at {self.points[-1].value:.9g}, the end of the {self.noun}")
+            if pressed() and not self.interrupted:
+                # What comes after the branch, such as pictures, is to hear of it too.
+                self.interrupted = True
+                self.notes.append(f"interrupted at {self.points[-1].value:.9g}, the end of the {self.noun}")
         self._count("flows")
         if self._hiding:
             self.notes.insert(0, self._hiding_told())

@@ -227,13 +227,15 @@ def _with_past(laws: LawSet, j: int, series: Array, total: LawForce) -> bool:
             settled = True
             break
     kinks = []
-    for state[:], _ in past:
+    for known, _ in past:
+        state[:] = known
         kinks.append(np.array(laws.kinks(j)))
     levels, stretch = np.concatenate(kinks), np.repeat(np.arange(begin.size), [one.size for one in kinks])
     crossed = (u[stretch] > levels) != (np.roll(u, -1)[stretch] > levels)
     levels, stretch = levels[crossed], stretch[crossed]
     inside = roots(series, begin[stretch], end[stretch], levels)
-    for i, (state[:], slopes) in enumerate(past):
+    for i, (known, slopes) in enumerate(past):
+        state[:] = known
         for low, high in pairwise([begin[i], *np.sort(inside[stretch == i]), end[i]]):
             if high - low <= 0.0:
                 continue
