@@ -237,12 +237,7 @@ class MeasuredEvents(Data):
         self, contact: Any, closings: ArrayLike = (), openings: ArrayLike = (), noise: float | ArrayLike | None = None
     ) -> None:
         self.contact = name_of(contact)
-        self.closings, self.openings = (
-            found
-            if (found := array(f"MeasuredEvents: {name}", given)).shape == (0,)
-            else series(f"MeasuredEvents: {name}", found)
-            for name, given in (("closings", closings), ("openings", openings))
-        )
+        self.closings, self.openings = _times("closings", closings), _times("openings", openings)
         self._hold(np.concatenate([self.closings, self.openings]), noise)
         steps = np.concatenate([np.diff(self.closings), np.diff(self.openings)])
         if not self.values.size or np.any(steps <= 0.0) or np.any(self.values < 0.0):
@@ -506,6 +501,12 @@ def _sines(place: str, function: Any) -> Iterator[tuple[str, float]]:
 
 
 public(Measured, MeasuredCurve, MeasuredEvents, MeasuredFrequencies, MeasuredStatics)
+
+
+def _times(name: str, given: Any) -> Array:
+    """Return the times of events, of which there may be none."""
+    found = array(f"MeasuredEvents: {name}", given)
+    return found if found.shape == (0,) else series(f"MeasuredEvents: {name}", found)
 
 
 def _noise(what: str, noise: Any, count: int) -> Array | None:

@@ -48,6 +48,12 @@ class Step:
         return float(np.linalg.norm(self.secant))
 
     @property
+    def legs(self) -> Array:
+        """Distances of both ends from where their directions meet, in their own scaled coordinates, shape (2,)."""
+        last = self.last.tangent * self.last.scales / self.first.scales
+        return np.asarray(np.linalg.lstsq(np.column_stack([self.first.tangent, last]), self.secant)[0])
+
+    @property
     def steady(self) -> bool:
         """Whether no fold is near."""
         return steady(self.secant[-1] / self.length, self.first.tangent[-1], self.last.tangent[-1])

@@ -529,18 +529,14 @@ def _corner(family: Family, before: Point, after: Point) -> Point | None:
     The directions at both meet at the corner, which is approached from both sides.
     """
     for _ in range(_TRIES):
-        legs = np.column_stack([before.tangent, after.tangent * after.scales / before.scales])
-        far = np.linalg.lstsq(legs, Step(before, after).secant)[0]
+        far = Step(before, after).legs
         if not far.min() > 0.0 or turning(before) * turning(after) >= 0.0:
             return None
         if far.max() <= _CLOSE:
             corner = before.y + far[0] * before.tangent * before.scales
             return point_at(family, before.chart, corner, before.tangent, scales=before.scales)
         try:
-            before, after = (
-                _moved(family, one, way * _NEARER * distance * float(np.linalg.norm(leg)))
-                for one, way, distance, leg in zip((before, after), (1.0, -1.0), far, legs.T, strict=True)
-            )
+            before, after = _moved(family, before, _NEARER * far[0]), _moved(family, after, -_NEARER * far[1])
         except ConvergenceError:
             return None
     return None

@@ -406,9 +406,8 @@ class Follower:
                 after = facing(y, after.tangent, evaluation)
                 way = Step(now, after)
                 # The way from end to end leads along both sides where the corner is as far from both.
-                far = np.linalg.lstsq(np.column_stack([now.tangent, after.tangent]), way.secant)[0]
-                guess = now.y + far[0] * (now.tangent + after.tangent) * now.scales
-            if far.min() > 0.0 and way.length <= _NEAR:
+                guess = now.y + way.legs[0] * (now.tangent + after.tangent) * now.scales
+            if way.legs.min() > 0.0 and way.length <= _NEAR:
                 # What comes beyond is not predicted from what was before.
                 self._take(after, None, self._examined(way, 0.0) or ())
                 return after, step

@@ -171,10 +171,7 @@ class _OnPlane:
             beside, step = _beside(self.family, self.chart, y, now)
             self.by_value = (beside.residual - now.residual) / step
             self.by_states = (beside.reached - now.reached) / step if self.chart.lifted else None
-        matrix = np.empty((y.size, y.size))
-        matrix[:-1, :-1] = now.jacobian * self.scales[:-1]
-        matrix[:-1, -1] = self.by_value * self.scales[-1]
-        matrix[-1] = self.normal
+        matrix = _bordered(now, self.by_value, self.scales, self.normal)
         right = np.zeros((y.size, 2))
         right[:, 0] = np.append(now.residual, self.normal @ ((y - self.guess) / self.scales))
         right[-1 if self.loose is None else self.loose, 1] = 1.0
@@ -258,12 +255,9 @@ def level(size: int, along: float = 1.0) -> Array:
 def tangent_at(evaluation: Any, by_value: Array, scales: Array, towards: Array) -> Array:
     """Return the direction of the branch in scaled coordinates, of length 1, on the side of another direction."""
     n = by_value.size
-    matrix = np.empty((n + 1, n + 1))
-    matrix[:n, :n] = evaluation.jacobian * scales[:n]
-    matrix[:n, n] = by_value * scales[n]
+    matrix = _bordered(evaluation, by_value, scales, towards)
     norms = np.linalg.norm(matrix[:n], axis=1)
     matrix[:n] /= np.where(norms > 0.0, norms, 1.0)[:, None]
-    matrix[n] = towards
     right = np.zeros(n + 1)
     right[n] = 1.0
     found = direction(matrix, right)
@@ -272,8 +266,13 @@ def tangent_at(evaluation: Any, by_value: Array, scales: Array, towards: Array) 
 
 def sided(point: Point, direction: Array) -> float:
     """Return the sign of the determinant of the equations of a branch, with a direction as their last row."""
-    matrix = np.empty((point.y.size, point.y.size))
-    matrix[:-1, :-1] = point.evaluation.jacobian * point.scales[:-1]
-    matrix[:-1, -1] = point.by_value * point.scales[-1]
-    matrix[-1] = direction
-    return float(np.linalg.slogdet(matrix)[0])
+    return float(np.linalg.slogdet(_bordered(point.evaluation, point.by_value, point.scales, direction))[0])
+
+
+def _bordered(evaluation: Any, by_value: Array, scales: Array, row: Array) -> Array:
+    """Return the derivatives of the equations by all scaled coordinates with a row below them, (n + 1, n + 1)."""
+    matrix = np.empty((scales.size, scales.size))
+    matrix[:-1, :-1] = evaluation.jacobian * scales[:-1]
+    matrix[:-1, -1] = by_value * scales[-1]
+    matrix[-1] = row
+    return matrix
