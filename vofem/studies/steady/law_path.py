@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
@@ -65,9 +65,16 @@ class LawForce:
         self._norm = np.full(2 * wanted + 1, 1.0 / np.pi)
         self._norm[0] = 0.5 / np.pi
 
-    def add(self, angles: Array, weights: Array, force: Array, slopes: Array | None) -> None:
-        """Add nodes, their forces, and derivatives of these by the series, shape (n, 2H + 1)."""
-        projected = (basis(angles, self.wanted) * self._norm).T * weights
+    def functions(self, angles: Array) -> tuple[Array, Array]:
+        """Return `basis` at n angles for the coordinate, (n, 2H + 1), and for the force, (n, 2K + 1)."""
+        most = max(self.harmonics, self.wanted)
+        every = basis(angles, most)
+        columns = [np.append(np.arange(h + 1), most + 1 + np.arange(h)) for h in (self.harmonics, self.wanted)]
+        return every[:, columns[0]], every[:, columns[1]]
+
+    def add(self, projecting: Array, weights: Array, force: Array, slopes: Array | None) -> None:
+        """Add nodes with their `functions` for the force, their forces, and derivatives of these, (n, 2H + 1)."""
+        projected = (projecting * self._norm).T * weights
         self.force += projected @ force
         if slopes is not None:
             self.slope += projected @ slopes
@@ -141,20 +148,21 @@ class LawPaths:
         return LawMotion(np.unique(np.concatenate([np.zeros(0), *edges])), moved, harmonics, at)
 
 
-def panels(low: float, high: float, harmonics: int) -> tuple[Array, Array]:
-    """Return nodes and weights between two angles for products of harmonics."""
-    count = max(1, int(np.ceil((high - low) * harmonics / _PHASE)))
-    edges = np.linspace(low, high, count + 1)
-    half = 0.5 * np.diff(edges)[:, None]
-    return (edges[:-1, None] + half * (1.0 + _NODES)).ravel(), (half * _WEIGHTS).ravel()
+def panels(low: Array, high: Array, harmonics: int) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Return nodes and weights for products of harmonics between pairs of angles (k,), and the pair of each node."""
+    counts = np.maximum(1, np.ceil((high - low) * harmonics / _PHASE)).astype(np.int64)
+    pair = np.repeat(np.arange(low.size), counts)
+    number, width = np.arange(pair.size) - (np.cumsum(counts) - counts)[pair], ((high - low) / counts)[pair]
+    half = 0.5 * width[:, None]
+    angles = (low[pair] + number * width)[:, None] + half * (1.0 + _NODES)
+    return angles.ravel(), (half * _WEIGHTS).ravel(), np.repeat(pair, _NODES.size)
 
 
 def _smooth(law: LawMotion, label: str, series: Array, total: LawForce) -> None:
     """Sum over equal angles, which for smooth forces converges faster than any power."""
-    harmonics = series.size // 2
-    count = 1 << int(np.ceil(np.log2(_SAMPLES * (max(harmonics, total.wanted) + 1))))
+    count = 1 << int(np.ceil(np.log2(_SAMPLES * (max(total.harmonics, total.wanted) + 1))))
     angles = np.asarray(np.arange(count) * (_TURN / count), dtype=float)
-    functions = basis(angles, harmonics)
+    functions, projecting = total.functions(angles)
     try:
         force, tangent, _ = law.at(functions)
     except OverflowError:
@@ -165,27 +173,25 @@ def _smooth(law: LawMotion, label: str, series: Array, total: LawForce) -> None:
         k = int(np.argmin(usable))
         raise ConvergenceError(f"{label} has a force of {force[k]:.3g} N at u = {functions[k] @ series:.3g} m")
     slopes = tangent[:, None] * functions if total.derivative else None
-    total.add(angles, np.full(count, _TURN / count), force, slopes)
+    total.add(projecting, np.full(count, _TURN / count), force, slopes)
 
 
 def _between_kinks(law: LawMotion, level: float, omega: float, series: Array, total: LawForce) -> None:
     """Integrate over the times at which a law acts that has kinks, as a contact does while it is beyond its level."""
-    harmonics = series.size // 2
     for angle, speed, spring, damper in law.jumps.tolist():
         # A place where the force jumps moves by -du over the rate of u, on closing as on opening.
         if speed != 0.0:
             total.add_jump(angle, omega * (spring + damper * speed) / abs(speed))
-    cuts = law.cuts if law.cuts.size else np.zeros(1)
-    for low, high in pairwise(np.append(cuts, cuts[0] + _TURN).tolist()):
-        if float(basis(np.array([0.5 * (low + high)]), harmonics)[0] @ series) <= level:
-            continue
-        angles, weights = panels(low, high, harmonics + total.wanted)
-        functions = basis(angles, harmonics)
-        force, stiffness, damping = law.at(functions)
-        slopes = stiffness[:, None] * functions if total.derivative else None
-        if slopes is not None and np.any(damping):
-            slopes = slopes + omega * damping[:, None] * _rates_of(functions)
-        total.add(angles, weights, force, slopes)
+    low = law.cuts if law.cuts.size else np.zeros(1)
+    high = np.append(low[1:], low[0] + _TURN)
+    acts = basis(0.5 * (low + high), total.harmonics) @ series > level
+    angles, weights, _ = panels(low[acts], high[acts], total.harmonics + total.wanted)
+    functions, projecting = total.functions(angles)
+    force, stiffness, damping = law.at(functions)
+    slopes = stiffness[:, None] * functions if total.derivative else None
+    if slopes is not None and np.any(damping):
+        slopes = slopes + omega * damping[:, None] * _rates_of(functions)
+    total.add(projecting, weights, force, slopes)
 
 
 def _rates_of(functions: Array) -> Array:
@@ -234,23 +240,28 @@ def _with_past(laws: LawSet, j: int, series: Array, total: LawForce) -> bool:
     crossed = (u[stretch] > levels) != (np.roll(u, -1)[stretch] > levels)
     levels, stretch = levels[crossed], stretch[crossed]
     inside = roots(series, begin[stretch], end[stretch], levels)
-    for i, (known, slopes) in enumerate(past):
-        state[:] = known
-        for low, high in pairwise([begin[i], *np.sort(inside[stretch == i]), end[i]]):
-            if high - low <= 0.0:
-                continue
-            angles, weights = panels(low, high, harmonics + total.wanted)
-            moving = basis(angles, harmonics)
-            along = moving @ series
-            force, tangent = laws.force(j, along), laws.tangent(j, along)
-            by_series = None
-            if total.derivative:
-                # Between kinks the internal variables act as the coordinate does, in proportion to the tangent.
-                middle = along.size // 2
-                by_past = laws.past_slopes(j, along[middle])[0]
-                share = tangent / tangent[middle] if tangent[middle] != 0.0 else np.ones(tangent.size)
-                by_series = tangent[:, None] * moving + np.outer(share, by_past @ slopes)
-            total.add(angles, weights, force, by_series)
+    # Parts between kinks, in the order of their stretches.
+    low, stretch = np.append(begin, inside), np.append(np.arange(begin.size), stretch)
+    order = np.lexsort((low, stretch))
+    low, stretch = low[order], stretch[order]
+    high = np.where(np.append(stretch[1:], -1) == stretch, np.append(low[1:], 0.0), end[stretch])
+    long = high > low
+    low, high, stretch = low[long], high[long], stretch[long]
+    angles, weights, part = panels(low, high, total.harmonics + total.wanted)
+    moving, projecting = total.functions(angles)
+    along, (force, tangent) = moving @ series, np.empty((2, angles.size))
+    by_series = np.empty((angles.size if total.derivative else 0, series.size))
+    bounds = np.searchsorted(part, np.arange(low.size + 1)).tolist()
+    for i, nodes in zip(stretch.tolist(), map(slice, bounds[:-1], bounds[1:]), strict=True):
+        state[:], slopes = past[i]
+        force[nodes], tangent[nodes] = laws.force(j, along[nodes]), laws.tangent(j, along[nodes])
+        if total.derivative:
+            # Between kinks the internal variables act as the coordinate does, in proportion to the tangent.
+            middle = (nodes.start + nodes.stop) // 2
+            by_past = laws.past_slopes(j, along[middle])[0]
+            share = tangent[nodes] / tangent[middle] if tangent[middle] != 0.0 else np.ones(nodes.stop - nodes.start)
+            by_series[nodes] = tangent[nodes, None] * moving[nodes] + np.outer(share, by_past @ slopes)
+    total.add(projecting, weights, force, by_series if total.derivative else None)
     return settled
 
 

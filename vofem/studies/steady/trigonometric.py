@@ -19,6 +19,9 @@ _STEPS = 80
 #: Change of an angle, rad, at which the search for a root ends.
 _CLOSE = 1e-14
 
+#: Rounding of a value, as a share of the size of its terms.
+_EPS = float(np.finfo(float).eps)
+
 #: A rate below this fraction of the size of its terms counts as zero.
 _STILL = 1e-13
 
@@ -55,6 +58,7 @@ def roots(series: Array, low: Array, high: Array, level: Array | float = 0.0) ->
     harmonics, slope = series.size // 2, rate(series)
     low, high = low.copy(), high.copy()
     rising = basis(high, harmonics) @ series > basis(low, harmonics) @ series
+    rounding = _EPS * (np.abs(series).sum() + np.abs(level))
     x = 0.5 * (low + high)
     for _ in range(_STEPS):
         functions = basis(x, harmonics)
@@ -66,7 +70,7 @@ def roots(series: Array, low: Array, high: Array, level: Array | float = 0.0) ->
         # A root that is met exactly is an end of its bracket.
         inside = (newton >= low) & (newton <= high)
         after = np.where(inside, newton, 0.5 * (low + high))
-        done = np.abs(after - x) <= _CLOSE
+        done = (np.abs(after - x) <= _CLOSE) | (np.abs(value) <= rounding)
         x = after
         if np.all(done):
             break
