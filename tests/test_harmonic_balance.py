@@ -591,8 +591,8 @@ def test_a_branch_goes_on_where_the_stops_of_a_slider_become_more(ends):
         assert found.amplitude(found.scene.bodies[0]) == pytest.approx(vf.periodic(own).amplitude(mass), rel=1e-9)
 
 
-def test_a_branch_turns_at_a_corner():
-    """Where a slider stops once more, the branch turns at once: a fold without a level tangent, listed both ways."""
+def chain_on_a_slider():
+    """Return a function of a frequency: a chain of three masses with a stop and a slider at the first one."""
     masses = [vf.Mass(1.0, stiffness=0.94, name="a"), vf.Mass(1.83, name="b"), vf.Mass(1.68, name="c")]
     first, second, third = masses
     rest = [
@@ -603,10 +603,20 @@ def test_a_branch_turns_at_a_corner():
         vf.Friction(first, coefficient=1.0, normal=10.6, stiffness=2.54, name="slider"),
         vf.PointLoad(third, vf.Constant(-0.7512), name="weight"),
     ]
+    return lambda omega: vf.Scene(masses, [*rest, vf.PointLoad(third, vf.Sine(12.3, omega, 1.57), name="load")])
 
-    def build(omega):
-        return vf.Scene(masses, [*rest, vf.PointLoad(third, vf.Sine(12.3, omega, 1.57), name="load")])
 
+def test_no_step_leaves_out_a_loop():
+    """The branch turns twice within 5e-4 rad/s, as it does where a shorter interval makes its steps shorter."""
+    branch = vf.continuation(chain_on_a_slider(), 0.4345, 0.42, harmonics=10)
+    assert {point.kind for point in branch.special} == {"fold"}
+    values = [point.value for point in branch.special]
+    np.testing.assert_allclose(values[:2], [0.4328448, 0.4333321], atol=1e-7)
+
+
+def test_a_branch_turns_at_a_corner():
+    """Where a slider stops once more, the branch turns at once: a fold without a level tangent, listed both ways."""
+    build = chain_on_a_slider()
     lists = []
     for start, stop in ((0.438, 0.442), (0.442, 0.438)):
         branch = vf.continuation(build, start, stop, harmonics=3)

@@ -526,7 +526,7 @@ class Follower:
         if after is None or after.tangent @ towards < refused:
             self._why = " (the branch turns too far in one step)"
             return None
-        if now.chart.segmented and step > _LEAST_SHARE * self.largest and _elsewhere(Step(now, after)):
+        if step > _LEAST_SHARE * self.largest and _elsewhere(Step(now, after)):
             self._why = " (the step led to another branch)"
             return None
         return after
