@@ -193,7 +193,7 @@ CASES += [
     (lambda: vf.simulate(scene()[1], 1.0, method="Newmark"), "HHT are settings of 'generalized_alpha'"),
     (lambda: vf.simulate(scene()[1], 1.0, tolerance=1e-3), "did you mean 'tol'"),
     (lambda: vf.simulate(scene()[1], 1.0, method="energy_conserving", order=2), "it takes nearby"),
-    (lambda: vf.simulate(scene()[1], 1.0, probes="tip"), r"probes is 'tip', expected points such as beam.at\(x\)"),
+    (lambda: vf.simulate(scene()[1], 1.0, probes="tip"), r"probes: a point is 'tip', expected a point: beam.at\(x\)"),
     (lambda: vf.resume("nowhere.checkpoint"), "does not exist, expected a checkpoint of vofem.simulate"),
     (lambda: vf.simulate(scene()[1], 1.0, method=np.array(["event_driven"])), "method is array.* expected one of"),
     (lambda: vf.Scene(np.ma.masked), "bodies is masked, expected a list"),

@@ -78,6 +78,24 @@ def test_multipliers_and_phase_portraits(branch, tmp_path, figures):
     assert closing.get_xdata()[0] == pytest.approx(1.0, abs=1e-9)
 
 
+def test_masses_are_drawn_by_their_names(branch):
+    found, masses = branch
+    run, orbit = vf.simulate(found.orbits[0].scene, 20.0, probes=masses[0].name), found.orbits[0]
+    assert list(run.probes) == [masses[0].name]
+    draw = [
+        lambda point: plot.response_curve(found, point),
+        lambda point: plot.phase_portrait(orbit, point),
+        lambda point: plot.poincare_section(vf.poincare(run, orbit.period), point),
+        lambda point: plot.time_history(run, point),
+        lambda point: plot.spectrum(run, point),
+    ]
+    for one in draw:
+        named, given = (np.ravel(one(point))[0].lines[0].get_xydata() for point in (masses[0].name, masses[0]))
+        np.testing.assert_array_equal(named, given)
+    assert branch_table(found, masses[1].name) == branch_table(found, masses[1])
+    assert repr(found.table(masses[1].name)) == repr(found.table(masses[1]))
+
+
 def test_sections_and_backbones(branch, tmp_path, figures):
     found, masses = branch
     run = vf.simulate(found.orbits[0].scene, 100.0)
@@ -101,7 +119,8 @@ def test_pictures_refuse_what_they_cannot_show(branch, tmp_path):
     plot.multipliers([orbit, *found.orbits[:2]], tmp_path / "known.png")
     for draw in (
         lambda: plot.response_curve([], masses[0], path),
-        lambda: plot.response_curve(found, "b", path),
+        lambda: plot.response_curve(found, "no mass", path),
+        lambda: plot.phase_portrait([], masses[0], path),
         lambda: plot.multipliers(orbit, path),
         lambda: plot.phase_portrait(found, masses[0], path),
         lambda: plot.poincare_section(found, masses[0], path),

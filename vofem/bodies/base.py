@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -272,9 +272,12 @@ def touching(effect: Any, bodies: Mapping[Any, Any], moved: Callable[[Point, Any
     return made
 
 
-def as_point(what: str, value: Any) -> Point:
-    """Return `value` if it is a point, else raise `ArgumentError` naming `what`."""
+def as_point(what: str, value: Any, bodies: Iterable[Body] = ()) -> Point:
+    """Return a point, or the mass of a name among bodies; raise `ArgumentError` naming `what` for another value."""
+    if isinstance(value, str):
+        value = next((body for body in bodies if body.name == value), value)
     if isinstance(value, Point):
         return value
+    known = ", a Mass or its name" if bodies else " or a Mass"
     hint = "; take a point of it with .at(x)" if hasattr(value, "at") else ""
-    raise ArgumentError(f"{what} is {value!r}, expected a point: beam.at(x), beam.along(path) or a Mass{hint}")
+    raise ArgumentError(f"{what} is {value!r}, expected a point: beam.at(x), beam.along(path){known}{hint}")

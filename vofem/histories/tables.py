@@ -54,10 +54,11 @@ def named_points(what: str, scene: Scene, points: Mapping[str, Any] | Iterable[A
         points = points_of_interest(scene)[:MOST]
     if isinstance(points, Mapping):
         return {
-            checked_name(f"{what}: a name", name): as_point(f"{what}: {name}", point) for name, point in points.items()
+            checked_name(f"{what}: a name", name): as_point(f"{what}: {name}", point, scene.bodies)
+            for name, point in points.items()
         }
     found: dict[str, Any] = {}
-    for point in (as_point(f"{what}: a point", point) for point in listed(points)):
+    for point in (as_point(f"{what}: a point", point, scene.bodies) for point in listed(points)):
         other = found.get(point.name, point)
         same = other.body is point.body and other.x == point.x
         found[point.name if same else point.describe()] = point

@@ -454,7 +454,7 @@ def _of_runs(
         elif view == "space":
             views.append(SpaceView(run, at, size, magnification))
         else:
-            place = as_point("animate: point", point or points_of_interest(run.scene)[0])
+            place = as_point("animate: point", point or points_of_interest(run.scene)[0], run.scene.bodies)
             views.append(AxesView(run, place, at, (begin, end), size, title, view == "phase"))
     sides = [one for one in views if isinstance(one, SideView) and one.magnification is not None]
     if len(sides) > 1 and magnification is None:

@@ -131,7 +131,7 @@ def write_branch(branch: Branch, point: Any, path: str | os.PathLike[str], param
 
 def branch_table(branch: Branch, point: Any, parameter: str = "parameter") -> str:
     """Return the special points of a branch as text, a line for each."""
-    place = as_point("branch_table: point", point)
+    place = as_point("branch_table: point", point, branch.orbits[0].scene.bodies if len(branch) else ())
     stable = branch.stable.tolist()
     known = f"{stable.count(True)} stable, {stable.count(False)} unstable, {stable.count(None)} not decided"
     lines = [f"{len(branch)} orbits: {known}"]

@@ -115,7 +115,7 @@ def _check_options(chosen: str, options: dict[str, Any]) -> None:
 
 def _probe_rows(scene: Scene, probes: Mapping[str, Any] | Iterable[Any]) -> ProbeRows | None:
     """Return names and rows of points to be recorded, or None where there are none."""
-    if isinstance(probes, str) or not isinstance(probes, (Point, Iterable)):
+    if not isinstance(probes, (Point, Iterable)):
         raise ArgumentError(
             f"simulate: probes is {probes!r}, expected points such as beam.at(x), or a dict of names and points"
         )

@@ -9,7 +9,7 @@ import numpy as np
 
 from vofem._validate import listed, wrong
 from vofem.arrays import Array
-from vofem.bodies.base import Point
+from vofem.bodies.base import Point, as_point
 from vofem.bodies.path import TravellingPoint
 from vofem.effects import Contact, RigidStop
 from vofem.errors import ArgumentError
@@ -54,7 +54,7 @@ def time_history(
         The runs. Several are drawn side by side with the same scales. K_eq has separate scales if stiffnesses differ by
         more than a factor of ten.
     point : point, or several of them
-        ``beam.at(x)`` or a Mass; found in every result by its body's name.
+        ``beam.at(x)``, a Mass or its name; found in every result by its body's name.
     contact : contact, name or several of them, optional
         The contacts to show; ``name[node]`` is a contact of a one-sided foundation. The default is the contacts at the
         points. If there are none, it is the nearest contacts of their bodies, at most six.
@@ -69,8 +69,14 @@ def time_history(
     ArgumentError
         If `point` is not a point, `contact` is not a contact of the run, or the window lies outside the run.
     """
-    points = _points(point)
-    runs = result if isinstance(result, Mapping) else {points[0].describe() if len(points) == 1 else "": result}
+    runs = result if isinstance(result, Mapping) else {"": result}
+    if not runs:
+        raise wrong("result", "empty", "a Result, or a mapping of titles to Results")
+    points = [as_point("point", point, next(iter(runs.values())).scene.bodies) for point in listed(point)]
+    if not points:
+        raise wrong("points", "empty", "one or more of beam.at(x), a Mass or its name")
+    if not isinstance(result, Mapping) and len(points) == 1:
+        runs = {points[0].describe(): result}
     contacts, count = [_contacts(run, points, contact) for run in runs.values()], len(runs)
     # K_eq is drawn below the displacements, unless the user gave no axes for it. Rigid stops have none.
     below = any(isinstance(c, Contact) for own in contacts for c in own) and (
@@ -213,16 +219,6 @@ def _contacts(result: Result, points: list[Point], wanted: Any) -> list[Contact 
     # If there are more than there are colours, they cannot be distinguished.
     nearest = sorted(of_bodies, key=lambda c: min(_distance(p, q) for p in c.points() for q in points))
     return here or [c for c in of_bodies if c in nearest[: len(COLORS)]]
-
-
-def _points(wanted: Any) -> list[Point]:
-    points = listed(wanted)
-    for point in points:
-        if not isinstance(point, Point):
-            raise wrong("point", repr(point), "beam.at(x) or a Mass")
-    if not points:
-        raise wrong("points", "empty", "one or more of beam.at(x) or a Mass")
-    return points
 
 
 def _distance(one: Point, other: Point) -> float:

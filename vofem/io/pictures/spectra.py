@@ -45,7 +45,7 @@ def spectrum(
     Parameters
     ----------
     result : Result
-    point : point
+    point : point of a body, or name of a mass
         ``beam.at(x)`` or a Mass.
     kind : str
         "amplitude": amplitudes over frequency, with a Hann window; the peak of a harmonic motion is its amplitude.
@@ -69,7 +69,7 @@ def spectrum(
     P. D. Welch, The use of fast Fourier transform for the estimation of power spectra, IEEE Trans. Audio
     Electroacoust. 15(2), 70-73 (1967), https://doi.org/10.1109/TAU.1967.1161901.
     """
-    place = as_point("spectrum: point", point)
+    place = as_point("spectrum: point", point, result.scene.bodies)
     kind = choice("spectrum: kind", kind, _KINDS)
     quantity = choice("spectrum: quantity", quantity, tuple(_UNITS))
     if limit is not None:

@@ -55,7 +55,7 @@ def response_curve(
     ----------
     branch : Branch, or several of them
         The branches. Each branch after the first has its own colour.
-    point : point of a body
+    point : point of a body, or name of a mass
     parameter : str
         Name and unit of the parameter, for the axis.
     title : str
@@ -66,9 +66,9 @@ def response_curve(
         If the branch has no orbits, or `point` is not a point of a body.
     """
     branches = [branch] if isinstance(branch, Branch) else branch
-    place = as_point("response_curve: point", point)
     if not all(len(one) for one in branches):
         raise ArgumentError("response_curve: a branch has no orbits; its notes say why it ended")
+    place = as_point("response_curve: point", point, branches[0].orbits[0].scene.bodies)
     heights = [one.amplitude(place) for one in branches]
     marked = [[(s, s.orbit.amplitude(place)) for s in one.special] for one in branches]
     scale = length(float(max(part.max() for part in heights)))
@@ -212,7 +212,7 @@ def phase_portrait(
     Parameters
     ----------
     orbit : PeriodicOrbit, or several of them
-    point : point of a body
+    point : point of a body, or name of a mass
 
     Raises
     ------
@@ -220,7 +220,7 @@ def phase_portrait(
         If an argument is not an orbit, or not a point.
     """
     orbits = [orbit] if isinstance(orbit, PeriodicOrbit) else orbit
-    place = as_point("phase_portrait: point", point)
+    place = as_point("phase_portrait: point", point, orbits[0].scene.bodies)
     canvas, axes = single("phase_portrait", path, ax, (7.6, 5.4))
     drawn = []
     for one in orbits:
@@ -267,14 +267,14 @@ def poincare_section(section: PoincareSection, point: Any, path: Where = None, *
     ----------
     section : PoincareSection
         A section that `vofem.poincare` has returned.
-    point : point of a body
+    point : point of a body, or name of a mass
 
     Raises
     ------
     ArgumentError
         If an argument is not a section, or not a point.
     """
-    place = as_point("poincare_section: point", point)
+    place = as_point("poincare_section: point", point, section.result.scene.bodies)
     u, v = section.displacement(place), section.velocity(place)
     scale = length(float(np.abs(u).max()))
     canvas, axes = single("poincare_section", path, ax, (6.8, 5.4))

@@ -148,7 +148,9 @@ class Branch(Curve):
         found += [(special.place, special.value, special.orbit, special.kind) for special in self.special]
         found.sort(key=lambda row: row[0])
         orbits = [orbit for _, _, orbit, _ in found]
-        place = as_point("table: point", points_of_interest(orbits[0].scene)[0] if point is None and orbits else point)
+        scene = orbits[0].scene if orbits else None
+        point = points_of_interest(scene)[0] if point is None and scene else point
+        place = as_point("table: point", point, scene.bodies if scene else ())
         low, high = np.array([orbit.extremes(place) for orbit in orbits]).reshape(-1, 2).T
         omega = np.array([orbit.omega for orbit in orbits])
         known = (np.nan if one.multipliers is None else np.abs(one.multipliers).max(initial=0.0) for one in orbits)
