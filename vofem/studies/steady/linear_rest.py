@@ -160,31 +160,35 @@ class LinearRest:
         given = np.broadcast_to(np.asarray(forces, dtype=complex), (omegas.size, *forces.shape[-2:]))
         out = np.zeros(given.shape, dtype=complex)
         np.divide(given, diagonal[..., None], out=out, where=~near[..., None])
-        coupled = np.any(near, axis=1) | (self.columns.shape[1] > 0)
-        for i in np.flatnonzero(coupled).tolist():
-            self._add_coupled(float(omegas[i]), diagonal[i], near[i], given[i], out[i])
+        # Frequencies at which the same modes are near are solved together.
+        patterns, pattern = np.unique(near, axis=0, return_inverse=True)
+        for number, modes in enumerate(patterns):
+            if modes.any() or self.columns.shape[1]:
+                at = np.flatnonzero(pattern == number)
+                out[at] = self._coupled(omegas[at], diagonal[at], modes, given[at], out[at])
         return out
 
-    def _add_coupled(
-        self, omega: float, diagonal: Complex, near: NDArray[np.bool_], forces: Complex, out: Complex
-    ) -> None:
-        """Complete the response `out` (m, k) at one frequency, which has far modes only and no coupling yet."""
-        far, columns = ~near, self.columns
-        # Complex stiffnesses of the terms that couple modes.
-        factors = np.concatenate([1j * omega * self.dashpots[1], *(part.factor(omega) for part in self._attached)])
+    def _coupled(
+        self, omegas: Array, diagonal: Complex, near: NDArray[np.bool_], forces: Complex, out: Complex
+    ) -> Complex:
+        """Return responses (f, m, k) at f frequencies, given those of far modes alone without coupling."""
+        far, columns, dampers = ~near, self.columns, self.dashpots[1]
+        # Complex stiffnesses of the terms that couple modes, shape (f, r, 1).
+        attached = [[part.factor(omega) for part in self._attached] for omega in omegas.tolist()]
+        factors = np.array([np.concatenate([1j * w * dampers, *own]) for w, own in zip(omegas, attached, strict=True)])
+        factors = factors[:, :, None]
         k, r = int(near.sum()), columns.shape[1]
         # Unknowns: displacements of the near modes, forces of what couples.
-        spread = columns[far] / diagonal[far, None]
-        matrix = np.zeros((k + r, k + r), dtype=complex)
-        right = np.zeros((k + r, forces.shape[1]), dtype=complex)
-        matrix[:k, :k] = np.diag(diagonal[near])
-        matrix[:k, k:] = columns[near]
-        matrix[k:, :k] = -factors[:, None] * columns[near].T
-        matrix[k:, k:] = np.eye(r) + factors[:, None] * (columns[far].T @ spread)
-        right[:k] = forces[near]
-        right[k:] = factors[:, None] * (columns[far].T @ out[far])
-        found = _solved(matrix, right)
-        if found is None:
+        spread = columns[far] / diagonal[:, far, None]
+        matrix = np.zeros((omegas.size, k + r, k + r), dtype=complex)
+        matrix[:, np.arange(k), np.arange(k)] = diagonal[:, near]
+        matrix[:, :k, k:] = columns[near]
+        matrix[:, k:, :k] = -factors * columns[near].T
+        matrix[:, k:, k:] = np.eye(r) + factors * (columns[far].T @ spread)
+        right = np.concatenate([forces[:, near], factors * (columns[far].T @ out[:, far])], axis=1)
+        found, singular = _solved(matrix, right)
+        if singular.any():
+            omega = omegas[np.argmax(singular)]
             raise SingularSystemError(
                 f"the response at {omega:.9g} rad/s ({omega / (2.0 * np.pi):.9g} Hz) is unbounded: "
                 + (
@@ -193,21 +197,26 @@ class LinearRest:
                     else "it is a natural frequency without damping. Add damping, or choose another frequency"
                 )
             )
-        out[near] = found[:k]
-        out[far] -= spread @ found[k:]
+        out[:, near] = found[:, :k]
+        out[:, far] -= spread @ found[:, k:]
+        return out
 
 
-def _solved(matrix: Complex, right: Complex) -> Complex | None:
-    """Return the solution of a small system, or None where its condition, rows and columns balanced, is too large."""
-    rows = np.abs(matrix).max(axis=1)
+def _solved(matrix: Complex, right: Complex) -> tuple[Complex, NDArray[np.bool_]]:
+    """Return solutions of f small systems, and whether the condition of each, balanced, is too large, shape (f,).
+
+    Where one is, there are no solutions.
+    """
+    rows = np.abs(matrix).max(axis=2, keepdims=True)
     rows[rows == 0.0] = 1.0
-    scaled = matrix / rows[:, None]
-    columns = np.abs(scaled).max(axis=0)
+    scaled = matrix / rows
+    columns = np.abs(scaled).max(axis=1, keepdims=True)
     columns[columns == 0.0] = 1.0
     scaled = scaled / columns
-    if not np.linalg.cond(scaled) < _SINGULAR:
-        return None
-    return np.asarray(np.linalg.solve(scaled, right / rows[:, None]) / columns[:, None])
+    singular = ~(np.linalg.cond(scaled) < _SINGULAR)
+    if singular.any():
+        return right, singular
+    return np.linalg.solve(scaled, right / rows) / columns.transpose(0, 2, 1), singular
 
 
 def _largest_change(before: Complex, now: Complex) -> float:
