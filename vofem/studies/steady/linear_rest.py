@@ -161,7 +161,9 @@ class LinearRest:
         out = np.zeros(given.shape, dtype=complex)
         np.divide(given, diagonal[..., None], out=out, where=~near[..., None])
         # Frequencies at which the same modes are near are solved together.
-        patterns, pattern = np.unique(near, axis=0, return_inverse=True)
+        patterns, pattern = near[:1], np.zeros(omegas.size, dtype=np.int64)
+        if near.any():
+            patterns, pattern = np.unique(near, axis=0, return_inverse=True)
         for number, modes in enumerate(patterns):
             if modes.any() or self.columns.shape[1]:
                 at = np.flatnonzero(pattern == number)
