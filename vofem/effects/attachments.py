@@ -116,9 +116,14 @@ class PointMass(Acting):
     inertia: Annotated[float, Real("kg m^2", "Rotary inertia. Only points of beams can have one.", least=0)] = 0.0
 
     @rule("inertia", "point")
-    def _point_rotates(self) -> None:
+    def _point_is_taken(self) -> None:
         if self.inertia and isinstance(self.point, TravellingPoint):
             raise ArgumentError(f"{label_of(self)}: inertia is {self.inertia:g} kg m^2, but what travels has none")
+        if isinstance(self.point, TravellingPoint) and self.point.path.profile is not None:
+            raise ArgumentError(
+                f"{label_of(self)}: the path of its point has a profile, expected none, because the mass is tied to "
+                "the beam and not to a road on it; leave out the profile, or let a Mass roll on a Contact that travels"
+            )
         if self.inertia:
             self.point.slope_row()
 
