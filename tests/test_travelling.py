@@ -158,6 +158,8 @@ def test_what_cannot_travel_is_refused_by_name():
     ):
         with pytest.raises(vf.VofemError, match=r"Beam 'beam' at 1 m/s.*travels"):
             refused()
+    with pytest.raises(vf.ArgumentError, match=r"PointMass.* has a profile"):
+        vf.PointMass(beam.along(vf.Path(1.0, profile=0.01)), mass=0.1)
     with pytest.raises(vf.ArgumentError, match=r"vofem\.Path"):
         beam.along(1.0)
     with pytest.raises(vf.ArgumentError, match="begin"):
@@ -344,6 +346,45 @@ def test_a_tied_mass_steps_onto_a_beam_and_off_it_at_supports_only():
     # It may turn round before, and come and leave at the clamp.
     for path in (vf.Path(1.0, start=0.4, acceleration=-2.0), vf.Path(0.5, start=-0.1), vf.Path(-1.0, start=0.4)):
         vf.simulate(vf.Scene([cantilever], [vf.PointMass(cantilever.along(path), mass=0.1), load]), 1.0, dt=1e-2)
+
+
+def test_a_tied_mass_takes_the_velocity_with_which_the_beam_guides_it():
+    """The velocity at a support jumps by slope times speed: a mass that kept it would shake the beam in every step."""
+    beam = vf.Beam(1.0, EI=1.0, rhoA=1.0, elements=4, supports=ENDS, name="beam")
+    carried = vf.PointMass(beam.along(vf.Path(1.0, start=-0.3)), mass=0.5)
+    scene, times = vf.Scene([beam], [carried, vf.PointLoad(beam.at(0.5), -1.0)]), [0.55, 0.95, 1.25, 1.45, 1.75]
+    # Of the same elements, by an integration of order eight with a relative tolerance of 1e-11.
+    known = np.array([0.10510254360, -0.11811123580, 0.20133607368, -0.01432384169, -0.02652456188])
+    result = vf.simulate(scene, 1.8, method="energy_conserving", dt=5e-4, times=times)
+    assert off(result.velocity(beam.at(0.5)), known) < 0.03
+    assert ledger_error(result) < 1e-12
+    assert vf.simulate(scene, 1.8, method="energy_conserving", tol=1e-2).counters.steps < 2000
+    damped = vf.Scene([beam], [carried, *scene.effects[1:], vf.RayleighDamping(5.0)])
+    settled = vf.simulate(damped, 8.0, method="energy_conserving", dt=5e-3, times=[0.0, 8.0])
+    # Nothing that has left the beam moves on.
+    assert settled.energy.kinetic[-1] < 1e-9
+    assert ledger_error(settled) < 1e-12
+
+
+@pytest.mark.parametrize("kind", [vf.Spring, vf.Dashpot, vf.Contact])
+def test_an_end_without_support_is_a_step_of_a_rigid_road(kind):
+    """The beam that the wheel has left moves as without a road, by all methods, and dampers take no infinite rate."""
+    numbers = {
+        vf.Spring: {"stiffness": 20.0},
+        vf.Dashpot: {"damping": 2.0},
+        vf.Contact: {"gap": 0.0, "stiffness": 20.0, "damping": 1.0, "acts_on": "penetration"},
+    }[kind]
+    found, methods = [], ("energy_conserving", "generalized_alpha", "central_difference")
+    for ends, method in (("free", "energy_conserving"), *(("rigid", m) for m in methods)):
+        beam = vf.Beam(1.0, EI=1.0, rhoA=1.0, elements=4, supports={"left": "clamped"}, name="beam")
+        wheel = vf.Mass(0.5, stiffness=2.0, name="wheel")
+        law = kind(beam.along(vf.Path(1.0, start=0.4, ends=ends)), wheel, **numbers)
+        effects = [law, vf.PointLoad(beam.at(1.0), -1.0), vf.PointLoad(wheel, -0.3)]
+        result = vf.simulate(vf.Scene([beam, wheel], effects), 1.2, method=method, dt=1e-3, times=[0.8, 1.2])
+        assert result.energy.balance_error < (1e-11 if method == "energy_conserving" else 5e-3)
+        found.append((result.displacement(beam.at(1.0)), result.displacement(wheel)))
+    np.testing.assert_allclose([beam for beam, _ in found[1:]], [found[0][0]] * 3, rtol=2e-3)
+    np.testing.assert_allclose([wheel for _, wheel in found[2:]], [found[1][1]] * 2, rtol=5e-3)
 
 
 def test_springs_and_dashpots_that_rest_on_a_path_are_ordinary_ones():

@@ -36,15 +36,18 @@ class Path:
     profile: Annotated[
         float | Callable[[Any], Any] | None,
         Along(
-            "m", "Height of the road above the axis of the beam, of which contacts know. Without it the road is flat."
+            "m",
+            "Height of the road above the axis of the beam, of which contacts, springs and dashpots know. Without it "
+            "the road is flat.",
         ),
     ] = None
     ends: Annotated[
         Literal["free", "rigid"],
         Choice(
             ("free", "rigid"),
-            'What a contact finds beyond the ends of the beam: nothing ("free"), or a rigid road at the height of the '
-            'profile ("rigid").',
+            'What contacts, springs and dashpots find beyond the ends of the beam: nothing ("free"), or a rigid road '
+            'at the height of the profile ("rigid"). An end that no support holds is then a step of the road: what is '
+            "stored changes there at once, and dampers do not feel the step.",
         ),
     ] = "free"
 

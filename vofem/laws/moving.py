@@ -36,6 +36,9 @@ class Track(Protocol):
     def present(self, t: Array) -> NDArray[np.bool_]:
         """Return whether there is anything below the point at times t."""
 
+    def inside(self, t: Array) -> NDArray[np.bool_]:
+        """Return whether the point is on the body at times t."""
+
     def jumps(self, start: float, stop: float) -> Array:
         """Return the times at which the point steps onto the body, or off it, where that is not held, s."""
 
@@ -81,6 +84,10 @@ class Rider:
     def present(self, times: Array) -> NDArray[np.bool_]:
         """Return whether the law finds anything at times."""
         return self.track.present(self.start + times)
+
+    def inside(self, times: Array) -> NDArray[np.bool_]:
+        """Return whether the point is on its body at times."""
+        return self.track.inside(self.start + times)
 
     def jumps(self, end: float) -> Array:
         """Return the times until the end of the run at which its point steps onto the body, or off it, s."""

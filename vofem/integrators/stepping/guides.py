@@ -64,11 +64,13 @@ class Guides:
         push[1] = np.inf
         present, away = np.ones((steps + 1, m), dtype=bool), np.zeros(m)
         anchored, springs = np.zeros((2, m), dtype=bool)
-        pressing, normal = np.full(m, -1), np.zeros((steps + 1, m))
+        pressing, normal, settling = np.full(m, -1), np.zeros((steps + 1, m)), np.full((steps, m), -1)
         if self.movement is not None:
             present, away = self.movement.present(times[:-1]), self.movement.away
             kind[:, self.movement.tied] = HOLDS
-            kind[~(present[1:] & present[:-1])] = ABSENT
+            kind[~self.movement.through(times[:-1])] = ABSENT
+            if self.structure.scheme.mean:
+                settling = self.movement.settling(times[:-1])
         if self.sliders is not None:
             mine, sliders, part = self.sliders.rows, self.sliders, self.structure.scheme.part
             status = sliders.now.status if status is None else status
@@ -82,7 +84,7 @@ class Guides:
         stride = m if self.structure.travels else 0
         return Rules(
             stride, self.structure.compressed, kind, present, away, anchored, push, slides, steps > 1, pressing,
-            springs, normal,
+            springs, normal, settling,
         )  # fmt: skip
 
     def acceleration(self, path: Path, row: int, times: Array, mass: Array, right: Array, reaction: Array) -> Array:
@@ -145,12 +147,18 @@ class Guides:
         if not self.structure.travels:
             return np.einsum("kj,kj->k", mean[:, mine], moved[:, mine])
         assert self.movement is not None
-        present = self.movement.present(times)
+        present, through = self.movement.present(times), self.movement.through(times)
         way = np.diff(steps.q, axis=0)
         along = 0.5 * (self.movement.along(way, times[:-1]) + self.movement.along(way, times[1:]))
-        work = np.einsum("kj,kj->k", mean, np.where(present[1:] & present[:-1], np.diff(u, axis=0) - along, 0.0))
-        for k, j in np.argwhere(present[1:] ^ present[:-1]).tolist():
+        work = np.einsum("kj,kj->k", mean, np.where(through, np.diff(u, axis=0) - along, 0.0))
+        for k, j in np.argwhere(~through & (present[1:] | present[:-1])).tolist():
             # What a law stores when its point leaves the beam is lost to it.
             before, after = (ask(self.laws.records, j, STORED, x, x) for x in u[k : k + 2, j].tolist())
             work[k] += after - before
+        if scheme.mean:
+            settling = self.movement.settling(times)
+            comes, law = np.nonzero(settling >= 0)
+            own = settling[comes, law]
+            old, new = steps.v[comes, own] + dt * steps.a[comes + 1, own], steps.v[comes + 1, own]
+            np.add.at(work, comes, 0.5 * self.structure.mass[0, own] * (new**2 - old**2))
         return np.asarray(work)

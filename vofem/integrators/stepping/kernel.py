@@ -105,6 +105,9 @@ class Rules(NamedTuple):
     #: Laws that know the normal force at both ends of a step, as the last two of five numbers, shape (m,).
     springs: NDArray[np.bool_]
     normal: Array  #: These forces where no law presses, N, shape (steps + 1, m).
+    #: Unknowns, with a weight of -1 in the row, that jump to the velocity of its place after the step; -1 for none.
+    #: Shape (steps, m).
+    settling: NDArray[np.int64]
 
 
 class Size(NamedTuple):
@@ -392,7 +395,9 @@ def advance(
                     y[j] = rules.away[j]
             if dampers or rules is not None:
                 rate[j] = _rate(rows, rules, drift, k, there + j, q1, v1, True)
-            if rules is not None:  # noqa: SIM102
+            if rules is not None:
+                if rules.settling[k, j] >= 0:
+                    v1[rules.settling[k, j]] += rate[j]
                 if rules.stops and (status[j] != rules.status[j] or rate[j] * status[j] < 0.0):
                     return k, solves
             chunk.u[k + 1, j], chunk.reaction[k + 1, j] = y[j], found[j]

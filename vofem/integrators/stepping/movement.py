@@ -61,6 +61,30 @@ class Movement:
             found[:, law] = self.tied[law] | rider.present(times)
         return found
 
+    def through(self, times: Array) -> NDArray[np.bool_]:
+        """Return whether laws find the same things all through the steps between times, (n_times - 1, m).
+
+        An end of a beam that no support holds is a step of a rigid road, of infinite rate.
+        """
+        there = self.present(times)
+        found, middle, dt = there[1:] & there[:-1], 0.5 * (times[1:] + times[:-1]), np.diff(times)
+        for law, rider in self._riders.items():
+            if not self.tied[law] and (jumps := rider.jumps(float(times[-1] + dt[-1]))).size:
+                near = np.any(np.abs(jumps[:, None] - middle) <= dt, axis=0)
+                found[:, law] &= ~(near & np.diff(rider.inside(times)))
+        return found
+
+    def settling(self, times: Array) -> NDArray[np.int64]:
+        """Return the unknowns of masses that come onto beams, or leave them, in the steps between times; -1 for none.
+
+        Shape (n_times - 1, m). Such a mass takes at once the velocity with which the beam guides it.
+        """
+        found = np.full((times.size - 1, self.away.size), -1)
+        for law in np.flatnonzero(self.tied).tolist():
+            comes = np.diff(self._riders[law].inside(times))
+            found[comes, law] = self.rest.indices[self.rest.indptr[law]]
+        return found
+
     def matrix(self, times: Array, rate: bool = False) -> csr_matrix:
         """Return the rows at times, or their rates, those of one time after those of the other."""
         from scipy.sparse import csr_matrix, vstack

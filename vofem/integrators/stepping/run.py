@@ -299,6 +299,8 @@ class Run:
         if self.guides is not None:
             path.work[rows] += self.guides.work(path, dt, t)
         way = np.diff(steps.u, axis=0)
+        if self.movement is not None and self.structure.travels:
+            way[~self.movement.through(np.append(t[0] - dt, t))] = 0.0
         if self.dampers:
             path.dissipated[rows] += self._lost_in_laws(steps.damper, way)
         if self.sliders is not None:
@@ -322,7 +324,7 @@ class Run:
         seen = on if 4 * on.size < self.system.size else slice(None)
         if not self.scheme.mean or self.sliders is not None:
             return np.asarray(np.sum(np.diff(loads[:, seen] @ steps.q[:, seen].T) * means.T, axis=0))
-        along = _middle(steps.v[:, seen] @ loads[:, seen].T)
+        along = self._mean_rate(dt, steps)[:, seen] @ loads[:, seen].T
         if not np.any(forcing.first):
             return dt * np.einsum("ke,ke->k", along, means)
         along -= forcing.first @ (known.shift @ loads.T)
@@ -335,8 +337,7 @@ class Run:
         if lossy is None:
             return 0.0
         if self.scheme.mean:
-            # Velocities jump where sliding ends, after the step.
-            rate = _middle(v) if self.sliders is None else v[:-1] + 0.5 * dt * a[1:]
+            rate = self._mean_rate(dt, steps)
             if np.any(forcing.first):
                 rate = rate - forcing.first @ self.size(dt).shift
             return dt * np.einsum("ki,ki->k", rate, (lossy @ rate.T).T)
@@ -345,6 +346,10 @@ class Run:
             return 0.5 * dt * np.einsum("ki,ki->k", v[:-1] + 0.5 * dt * a[:-1], pull[1:] + pull[:-1])
         power = 0.5 * dt * np.einsum("ki,ki->k", v, pull)
         return power[1:] + power[:-1]
+
+    def _mean_rate(self, dt: float, steps: Any) -> Array:
+        """Return mean velocities over steps where laws act by means, shape (steps, n); jumps come after a step."""
+        return steps.v[:-1] + 0.5 * dt * steps.a[1:] if self.structure.jumps else _middle(steps.v)
 
     def _lost_in_laws(self, damper: Array, way: Array) -> Array:
         """Return what dampers of laws take over steps, J, for their forces and the ways of their coordinates."""

@@ -78,6 +78,8 @@ class Structure:
             assert self.rows is not None
             self.movement = Movement(system.laws, self.rows, order)
         self.travels = self.movement is not None and self.movement.travels
+        #: Whether velocities may jump between steps: where sliding ends, and where masses come onto beams.
+        self.jumps = system.sliders is not None or (self.movement is not None and bool(self.movement.tied.any()))
         self.special = self.travels or (system.sliders is not None and system.sliders.special)
         self._laws: list[Law] = [law for group in system.laws for law in group.forms]
         self._sizes: dict[float, Loaded] = {}

@@ -218,7 +218,7 @@ class StepDoubling(StepSizeControl, Run):
     def _ratio(self, dt: float, whole: Forcing, halves: Forcing) -> float:
         """Return the error of displacements of the step that was tried over its share of the tolerance."""
         full, chunk, half = self.aside.chunk, self.path.steps(2), 0.5 * dt
-        if self.scheme.mean and self.sliders is None:
+        if self.scheme.mean and not self.structure.jumps:
             # Computed from velocities: the shortest steps change only the last digits of displacements.
             p = 0.5 * (chunk.v[1:] + chunk.v[:-1])
             once = 0.5 * (full.v[0] + full.v[1])
