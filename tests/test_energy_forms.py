@@ -192,3 +192,17 @@ def test_scenes_that_share_eigensystems_have_loads_of_their_own():
     assert changed.counters.eigensolves < alone.counters.eigensolves
     assert changed.energy.work == pytest.approx(alone.energy.work, rel=1e-13)
     assert changed.energy.balance_error < 1e-13
+
+
+@pytest.mark.parametrize("width", [1e-6, 1e-9, 1e-11])
+def test_a_nearly_vertical_part_of_a_table_does_the_work_of_a_step(width):
+    """Answers to its slope are ten powers of ten larger than the motion; products of them left negative losses."""
+    mass = vf.Mass(1.0, stiffness=1.0, damping=20.0, name="mass")
+    steep = vf.Tabulated([0.0, 0.5, 0.5 + width, 3.0], [-2.0, -2.0, 2.0, 2.0])
+    step = vf.Constant(-2.0) + vf.Pulse(4.0, 0.5, 1.0)
+    found = []
+    for load in (steep, step):
+        result = vf.simulate(vf.Scene([mass], [vf.PointLoad(mass, load)]), 1.0, times=[0.4, 0.6, 1.0])
+        assert result.energy.balance_error < 1e-11
+        found.append([result.energy.work, result.energy.dissipated])
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-9 + 10.0 * width)

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -42,8 +43,9 @@ _TOGETHER = 4096
 #: Multiple of a block's energy above which its computed loss is rounding of a very small decay rate.
 _MORE = 4.0
 
-#: Duration of a segment in which loads travel, times the lowest angular frequency, below which it has no forms.
-_PASSING = 0.3
+#: Duration of a segment times the rate of the slowest mode below which it has no forms: where loads travel, and where
+#: they do not. In the latter case there are not more than so many panels.
+_PASSING, _INSTANT, _MOST_PANELS = 0.3, 1e-4, 1000.0
 
 _EPS = float(np.finfo(float).eps)
 
@@ -173,12 +175,16 @@ def _with_loads(regime: Regime) -> tuple[list[Array], list[Array]]:
     loads = regime.load_rows @ steady
     mixed = _times(regime.power, steady)
     parts = [0.5 * regime.load_rows.T, 0.5 * (loads + loads.T)], [mixed, steady.T @ mixed]
-    more = None if regime.stops is None else _of_stops(regime)
-    if regime.sliding is not None and regime.sliding.moves:
-        more = _of_belts(regime, regime.sliding)
-    for own, added in zip(parts, more or (), strict=False):
+    for own, added in zip(parts, _beside(regime), strict=False):
         own[0], own[1] = own[0] + added[0], own[1] + added[1]
     return parts
+
+
+def _beside(regime: Regime) -> tuple[tuple[Array, Array], ...]:
+    """Return what belts and stops that move add to work and loss, each as in `_with_loads`; empty where none moves."""
+    if regime.sliding is not None and regime.sliding.moves:
+        return _of_belts(regime, regime.sliding)
+    return () if regime.stops is None else _of_stops(regime)
 
 
 def _of_belts(regime: Regime, sliding: SlidingPiece) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
@@ -267,35 +273,45 @@ def work_and_dissipation(
 
 
 def _steep(regime: Regime, durations: Array) -> NDArray[np.bool_]:
-    """Return whether loads pass segments that are short beside all periods, as those do that travel fast, shape (k,).
+    """Return whether loads pass segments that are short beside all motions, shape (k,).
 
-    Forms would be small differences of large terms there.
+    So do loads that travel fast, and steep parts of tables. Forms would be small differences of large terms there.
     """
-    p = regime.spectrum.p
-    if not (np.any(regime.kind.bend >= 0) and np.any(p > 0.0)):
+    moves = regime.spectrum.p > 0.0
+    if not (regime.loads and np.any(moves)):
         return np.zeros(durations.size, dtype=bool)
-    return np.asarray(np.sqrt(p[p > 0.0].min()) * durations < _PASSING)
+    p, delta = regime.spectrum.p[moves], regime.spectrum.delta[moves]
+    slowest = float(np.min(p / np.maximum(np.sqrt(p), 2.0 * delta)))
+    if np.any(regime.kind.bend >= 0):
+        return np.asarray(slowest * durations < _PASSING)
+    return np.asarray((slowest * durations < _INSTANT) & (_rate(regime) * durations < _MOST_PANELS))
+
+
+def _rate(regime: Regime) -> float:
+    """Return the rate of the fastest changes of power, 1/s."""
+    e, of = regime.loads, regime.blocks.of
+    fastest = [of[FREQUENCY, e:].max(initial=0.0), of[DELTA, e:].max(initial=0.0), of[FREQUENCY, :e].max(initial=0.0)]
+    return 2.0 * float(sum(fastest))
 
 
 def _on_panels(regime: Regime, begin: Array, tau: Array) -> Array:
     """Return work and loss in a segment that has no forms, shape (2, n_times)."""
-    e, of = regime.loads, regime.blocks.of
-    if "powers" not in regime.kept:
-        regime.kept["powers"] = _with_loads(regime)
-    work, loss = regime.kept["powers"]
+    e, steady = regime.loads, regime.answers.steady
+    if "beside" not in regime.kept:
+        regime.kept["beside"] = _beside(regime)
 
-    def power(at: Array, parts: list[Array], blocks: Array | None) -> Array:
+    def power(at: Array, loss: bool) -> Array:
         states = begin + regime.changes(begin[None], np.zeros(at.size, dtype=np.int64), at)
         y, w = flat(states[:, :, e:]), flat(states[:, :, :e])
-        total = _products(2.0 * (y @ parts[0]) + w @ parts[1], w)
-        return total if blocks is None else total + _products(_times(blocks, y.T).T, y)
+        # The motion itself: it may be a small difference of y and the answers to loads.
+        x = y + w @ steady.T
+        total = _products(_times(regime.power, x.T).T, x) if loss else _products(x @ regime.load_rows.T, w)
+        for mixed, loads in regime.kept["beside"][loss : loss + 1]:
+            total += _products(2.0 * (y @ mixed) + w @ loads, w)
+        return total
 
-    fastest = [of[FREQUENCY, e:].max(initial=0.0), of[DELTA, e:].max(initial=0.0), of[FREQUENCY, :e].max(initial=0.0)]
-    rate = 2.0 * float(sum(fastest))
-    return np.stack([
-        quadrature(lambda at: power(at, work, None), tau, rate) if e else np.zeros(tau.size),
-        quadrature(lambda at: power(at, loss, regime.power), tau, rate),
-    ])  # fmt: skip
+    rate = _rate(regime)
+    return np.stack([quadrature(partial(power, loss=loss), tau, rate) for loss in (False, True)])
 
 
 def lyapunov(delta: Array, p: Array, e: Array, q: Array, power: Array) -> Array:
