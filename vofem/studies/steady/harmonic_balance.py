@@ -274,8 +274,12 @@ class HarmonicBalance(OrbitProblem):
         """Return the harmonics of the last periods of a run from rest."""
         period = self.loads.period
         count = self.periods * max(1, _TRANSIENT // self.periods)
+        # Runs of large systems do not store every step.
+        times = self._times((count - self.periods) * period, self.periods * period)
         try:
-            run = simulate(self.scene, count * period, method=ENERGY_CONSERVING.name, dt=period / _STEPS, nearby=False)
+            run = simulate(
+                self.scene, count * period, method=ENERGY_CONSERVING.name, dt=period / _STEPS, times=times, nearby=False
+            )
         except Exception as error:
             raise ConvergenceError(
                 f"{self.what}: harmonic balance does not converge from the linear response, and a transient from rest "
@@ -315,15 +319,19 @@ class HarmonicBalance(OrbitProblem):
         rows = all_rows(self.groups)
         if rows is None:
             return np.zeros(0)
-        count = 8 * (self.harmonics + 1)
-        angles = np.asarray(np.arange(count) * (2.0 * np.pi / count), dtype=float)
-        times = max(start, 0.0) + np.mod(angles * repeats, 2.0 * np.pi) / (2.0 * np.pi) * duration
+        times = self._times(max(start, 0.0), duration, repeats)
         order = np.argsort(times, kind="stable")
-        u = np.empty((self.laws.size, count))
+        u = np.empty((self.laws.size, times.size))
         u[:, order] = result.solution.sample(times[order]).along(rows, "q")
-        functions = basis(angles, self.harmonics) * (2.0 / count)
+        angles = np.linspace(0.0, 2.0 * np.pi, times.size, endpoint=False)
+        functions = basis(angles, self.harmonics) * (2.0 / times.size)
         functions[:, 0] *= 0.5
         return np.asarray(u @ functions).ravel()
+
+    def _times(self, start: float, duration: float, repeats: int = 1) -> Array:
+        """Return times in s from which harmonics are computed, at equal angles of an orbit that holds a motion."""
+        count = 8 * (self.harmonics + 1)
+        return np.asarray(start + np.mod(np.arange(count) * repeats / count, 1.0) * duration, dtype=float)
 
     # -- equations ------------------------------------------------------------------------------------
 

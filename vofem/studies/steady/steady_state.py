@@ -43,6 +43,9 @@ _RETURNS = 12
 #: Shares of the loads from which orbits are followed, and the most orbits from there to the whole loads.
 _SHARES, _WAY = tuple(0.5**k for k in range(8)), 500
 
+#: Largest distance of an orbit from a transient that has settled, as a share of it.
+_SETTLED = 0.05
+
 #: Factor by which a motion is larger than that of an orbit from rest where it has no bound.
 _UNBOUNDED = 1e10
 
@@ -260,6 +263,8 @@ def _near(problem: Any, start: Array | None, guess: Any = None) -> Solved:
 def _raised(problem: Any) -> tuple[Solved, str]:
     """Return the orbit near the linear response, or that in which the orbits under a share of the loads end; and which.
 
+    By harmonic balance a transient comes in between.
+
     Raises `ConvergenceError` if there is none.
     """
 
@@ -280,6 +285,8 @@ def _raised(problem: Any) -> tuple[Solved, str]:
             found = _near(family.at(share), family.at(share).from_rest())
         except ConvergenceError as error:
             failed = failed or str(error)
+            if share == 1.0 and method == "harmonic_balance" and (settled := _settled(problem)) is not None:
+                return settled, "a transient"
             continue
         if share == 1.0:
             return found, "the linear response"
@@ -299,6 +306,16 @@ def _raised(problem: Any) -> tuple[Solved, str]:
             f"from the linear response {failed}, and from smaller loads they end at {end:.3g} of them"
         )
     return _near(problem, walk.points[-1].unknowns()), "smaller loads"
+
+
+def _settled(problem: HarmonicBalance) -> Solved | None:
+    """Return the orbit on which a motion from rest has settled, which costs less than smaller loads; None if none."""
+    with suppress(ConvergenceError):
+        start = problem.from_transient()
+        found = _near(problem, start)
+        if np.linalg.norm(found.unknowns - start) <= _SETTLED * np.linalg.norm(start):
+            return found
+    return None
 
 
 def _tried(problem: Shooting, x: Array, change: float, sizes: tuple[float, float]) -> Solved | None:
