@@ -156,6 +156,20 @@ def test_what_has_no_response_is_refused():
         vf.frequency_response(3, [1.0])
 
 
+def test_contacts_that_are_no_springs_are_not_held_closed():
+    """A rigid stop and a contact that travels were taken for open where they were said to be closed."""
+    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=4, supports={"left": "clamped"}, name="beam")
+    rigid = vf.RigidStop(beam.at(1.0), gap=0.1, restitution=0.5, side="below", name="rigid")
+    path = beam.along(vf.Path(1.0))
+    rides = vf.Contact(path, gap=0.1, stiffness=9.0, side="below", acts_on="penetration", name="rides")
+    load = vf.PointLoad(beam.at(1.0), vf.Sine(1.0, 2.0))
+    for effects, name, why in (([rigid, load], "rigid", "is rigid"), ([rides], "rides", "travels along a beam")):
+        with pytest.raises(vf.ArgumentError, match=rf"modes: closed names .* '{name}', which {why}"):
+            vf.modes(vf.Scene([beam], effects), closed=[name])
+    with pytest.raises(vf.ArgumentError, match="frequency_response: closed names RigidStop 'rigid', which is rigid"):
+        vf.frequency_response(vf.Scene([beam], [rigid, load]), [0.1], closed=["rigid"])
+
+
 def test_stroboscopic_samples_are_those_of_the_motion():
     mass, scene = alone(vf.Mass(1.0, stiffness=1.0, damping=0.4), load=vf.Sine(1.0, omega=2.0))
     run = vf.simulate(scene, 200.0, times=[0.0, 200.0])

@@ -112,7 +112,7 @@ def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:
     Raises
     ------
     ArgumentError
-        For an unknown contact.
+        For an unknown contact, and for one that is rigid or travels.
     """
     from vofem.linalg.eigen import modal_basis
     from vofem.linalg.null_space import null_space
@@ -145,14 +145,25 @@ def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:
 
 
 def contact_indices(what: str, system: System, closed: Sequence[Any]) -> list[int]:
-    """Return the numbers of named contacts; `what` is for the message."""
-    names = [] if system.contacts is None else list(system.contacts.names)
+    """Return the numbers of named contacts, which act as springs when closed; `what` is for the message."""
+    laws = system.contacts
+    names = [] if laws is None else list(laws.names)
     indices = []
     for item in listed(closed):
         name = name_of(item)
         if name not in names:
             raise unknown("contact", name, names, what=what)
-        indices.append(names.index(name))
+        j = names.index(name)
+        assert laws is not None
+        why = "is rigid, so that it is no spring" if laws.rigid[j] else ""
+        if laws.moving is not None and j in laws.moving.riders:
+            why = "travels along a beam, so that it is a spring at no fixed place"
+        if why:
+            raise ArgumentError(
+                f"{what}: closed names {laws.labels[j]}, which {why}. Put a Contact with a stiffness there, on a point "
+                "that does not travel"
+            )
+        indices.append(j)
     return indices
 
 

@@ -110,7 +110,7 @@ def frequency_response(
     Raises
     ------
     ArgumentError
-        If a frequency is negative or not a number, a contact is unknown, or a load is not harmonic.
+        If a frequency is negative or not a number, a closed contact is unknown or rigid, or a load is not harmonic.
     MethodError
         If the scene has laws other than contacts that are not linear.
     SingularSystemError
