@@ -405,7 +405,10 @@ class SignatureEvaluation(Evaluation):
 
         right = np.zeros_like(self.held)
         right[:n, :n] = np.eye(n)
-        a, b = eig(self.held + right, right, right=False, homogeneous_eigvals=True)
+        # States over the size of the motion, as lengths are in rad: else rounding of the largest unit is left in all.
+        scales = np.append(np.repeat(self.sizes, n // 2), np.ones(right.shape[0] - n))
+        left = (self.held + right) * scales / scales[:, None]
+        a, b = eig(left, right, right=False, homogeneous_eigvals=True)
         # The lengths of segments add as many infinite values.
         order = np.argsort(-np.abs(b) / np.hypot(np.abs(a), np.abs(b)))[:n]
         a, b = a[order], b[order]
