@@ -480,3 +480,27 @@ def of_runs(scene: vf.Scene, orbit: vf.PeriodicOrbit, step: float) -> np.ndarray
         return np.array([f(body)[-1] for f in (run.displacement, run.velocity) for body in scene.bodies])
 
     return np.linalg.eigvals(np.stack([(end(d) - end(-d)) / (2.0 * step) for d in step * np.eye(start.size)], axis=1))
+
+
+def test_a_slider_begins_to_stop_at_the_same_value_in_other_units() -> None:
+    """Rounding of reactions was told from displacements and velocities together, and in microseconds hid this point."""
+    values, omega = ((1.736553, 0.768898, 0.259231, "a"), (0.809564, 0.600369, 0.0, "b")), 0.3422102
+    found = []
+    for time in (1.0, 2.0**-20):
+        k, c = time**-2, 1.0 / time
+        a, b = (vf.Mass(m, stiffness=s * k, damping=d * c, name=n) for m, s, d, n in values)
+        effects = [
+            vf.Spring(a, b, stiffness=1.5304649 * k),
+            vf.Friction(b, a, coefficient=0.312931, normal=0.323811 * k, name="pad"),
+            vf.Contact(a, gap=0.207825, stiffness=26.9259 * k, side="below", acts_on="penetration", name="stop"),
+        ]
+
+        def build(share: float, c: float = c, k: float = k, b: vf.Mass = b, rest: Any = (a, b, effects)) -> vf.Scene:
+            load = vf.PointLoad(b, vf.Sine(0.504015 * k, omega * share * c, phase=2.0776))
+            return vf.Scene(rest[:2], [*rest[2], load])
+
+        branch = vf.continuation(build, 1.0214, 1.0218)
+        assert not any("told apart" in note for note in branch.notes)
+        found.append([mark.value for mark in branch.special])
+        assert [mark.kind for mark in branch.special] == ["sticking"]
+    assert found[1] == pytest.approx(found[0], rel=1e-10)

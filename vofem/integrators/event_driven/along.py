@@ -263,7 +263,11 @@ class Course:
         Reactions of a stiff structure change much within the rounding of its state.
         """
         held, motion = int(np.sum(status[:contact] == PINNED)), self.motion(status, np.array([time]), state[None])
-        kept, parts = self.stuck(status), [(motion.regime.reactions[held], flat(motion.starts)[0])]
+        kept, loads = self.stuck(status), motion.regime.loads
+        row, values = motion.regime.reactions[held].reshape(2, -1), motion.starts[0]
+        # Displacements, velocities and each load have units of their own.
+        parts = [(row[k, loads:], values[k, loads:]) for k in (0, 1)]
+        parts += [(row[k, j : j + 1], values[k, j : j + 1]) for k in (0, 1) for j in range(loads)]
         if kept is not None:
             parts.append((kept.reaction[held], state[: self.space.size]))
         rounding = _EPS * sum(float(np.linalg.norm(row) * np.linalg.norm(values)) for row, values in parts)
