@@ -145,6 +145,8 @@ def test_what_has_no_response_is_refused():
     refused(vf.ArgumentError, "no contact is named", [load], closed=["stop"])
     cubic = vf.NonlinearSpring(mass, potential=lambda u: u**4, force=lambda u: 4 * u**3)
     refused(vf.MethodError, "not linear", [load, cubic])
+    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=2, supports={"left": "clamped"})
+    refused(vf.ArgumentError, "travels", [vf.Spring(beam.along(vf.Path(1.0)), stiffness=1.0)], body=beam)
     varies = vf.Springpot(mass, coefficient=1.0, order=lambda t: 0.5 + 0.0 * t)
     refused(vf.ArgumentError, "varies in time", [load, varies])
     refused(vf.SingularSystemError, "natural frequency without damping", [load], frequencies=[1.0 / np.pi])

@@ -591,6 +591,20 @@ def test_a_branch_goes_on_where_the_stops_of_a_slider_become_more(ends):
         assert found.amplitude(found.scene.bodies[0]) == pytest.approx(vf.periodic(own).amplitude(mass), rel=1e-9)
 
 
+@pytest.mark.parametrize(("amplitude", "slips"), [(0.1, False), (2.0, True)])
+def test_what_came_before_a_motion_is_told_where_it_stays(amplitude, slips):
+    """A slider that a pulse has moved holds the mass aside, unless the steady motion moves it again."""
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.2, name="m")
+    slider = vf.Friction(mass, coefficient=0.5, normal=1.0, stiffness=2.0, name="slider")
+    load = vf.PointLoad(mass, vf.Sine(amplitude, 1.5))
+    orbit = vf.periodic(vf.Scene([mass], [slider, load]), method="harmonic_balance")
+    run = vf.simulate(vf.Scene([mass], [slider, load, vf.PointLoad(mass, vf.Pulse(3.0, 0.0, 5.0))]), 40 * orbit.period)
+    times = np.linspace(38.0, 39.0, 101) * orbit.period
+    aside = np.abs(run.displacement(mass, times) - orbit.result.displacement(mass, times % orbit.period)).max()
+    assert (aside < 1e-3) == slips
+    assert any("Friction 'slider' keeps traces" in note for note in orbit.notes) != slips
+
+
 def chain_on_a_slider():
     """Return a function of a frequency: a chain of three masses with a stop and a slider at the first one."""
     masses = [vf.Mass(1.0, stiffness=0.94, name="a"), vf.Mass(1.83, name="b"), vf.Mass(1.68, name="c")]

@@ -22,7 +22,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vofem._validate import whole
 from vofem.arrays import Array, Complex
@@ -36,7 +35,7 @@ from vofem.scene import Scene
 from vofem.simulate.simulation import simulate
 from vofem.studies.steady.condensed import slowest_decay
 from vofem.studies.steady.harmonic_solution import HarmonicMotion, harmonic_result
-from vofem.studies.steady.law_path import PASSES, LawPaths, nonlinear_groups
+from vofem.studies.steady.law_path import LawPaths, nonlinear_groups
 from vofem.studies.steady.linear_rest import FULL, Attached, LinearRest, linear_laws
 from vofem.studies.steady.loads import load_series
 from vofem.studies.steady.near import orbit_near
@@ -75,7 +74,7 @@ class HarmonicEvaluation(Evaluation):
     problem: HarmonicBalance = field(repr=False)
     u: Array  #: Harmonics of the laws' coordinates, m, shape (n_laws, 2H + 1).
     residual: Array  #: Shape (n,).
-    settled: NDArray[np.bool_]  #: Whether internal variables repeat after a period, shape (n_laws,).
+    remarks: list[str]  #: On internal variables of laws.
     jacobian: Array = field(repr=False)  #: Empty without derivatives, shape (n, n).
 
     @property
@@ -343,9 +342,9 @@ class HarmonicBalance(OrbitProblem):
         u = unknowns.reshape(m, 2 * h + 1)
         if not np.all(np.isfinite(u)):
             raise ConvergenceError("the iteration diverged: a harmonic is not finite")
-        forces, slopes, settled = self.forces(u, h, derivative)
+        forces, slopes, remarks = self.forces(u, h, derivative)
         jacobian = self.jacobian(slopes) if derivative else np.empty((0, 0))
-        return HarmonicEvaluation(self, u.copy(), self.balanced(u, forces), settled, jacobian)
+        return HarmonicEvaluation(self, u.copy(), self.balanced(u, forces), remarks, jacobian)
 
     def balanced(self, u: Array, forces: Complex) -> Array:
         """Return what harmonics of coordinates (m, 2H + 1) lack under those of forces (m, H + 1), shape (n,)."""
@@ -353,21 +352,22 @@ class HarmonicBalance(OrbitProblem):
         balance = self.free[:, : h + 1] - np.einsum("kij,jk->ik", self.compliance[: h + 1], forces)
         return np.asarray(u - to_real(balance.T).T).ravel()
 
-    def forces(self, u: Array, wanted: int, derivative: bool = False) -> tuple[Complex, list[Array], NDArray[np.bool_]]:
-        """Return harmonics of the laws' forces (m, wanted + 1), their slopes, and which laws repeat after a period.
+    def forces(self, u: Array, wanted: int, derivative: bool = False) -> tuple[Complex, list[Array], list[str]]:
+        """Return harmonics of the laws' forces (m, wanted + 1), their slopes, and remarks on internal variables.
 
         Coordinates u may have more harmonics than the unknowns where no slopes are wanted.
         """
         m, h = self.laws.size, self.harmonics
         forces = np.zeros((m, wanted + 1), dtype=complex)
-        slopes, settled = [], np.ones(m, dtype=bool)
+        slopes, remarks = list[Array](), list[str]()
         for j in range(m):
             found = self.laws.along(j, u[j], self.omega, wanted, derivative=derivative)
-            forces[j], settled[j] = to_complex(found.force), found.settled
+            forces[j] = to_complex(found.force)
+            remarks += [found.remark] if found.remark else []
             forces[j, : h + 1] -= self._held[j] * to_complex(u[j])[: h + 1]
             if derivative:
                 slopes.append(found.slope - self._held[j] * np.eye(2 * h + 1))
-        return forces, slopes, settled
+        return forces, slopes, remarks
 
     def jacobian(self, slopes: list[Array]) -> Array:
         """Return the Jacobian matrix: the identity and the compliance times the laws' slopes."""
@@ -389,13 +389,7 @@ class HarmonicBalance(OrbitProblem):
 
     def orbit(self, unknowns: Array, evaluation: HarmonicEvaluation) -> PeriodicOrbit:
         """Return the orbit of a solution."""
-        remarks = []
-        if not np.all(evaluation.settled):
-            label = self.laws.laws.laws[int(np.argmin(evaluation.settled))].label
-            remarks.append(
-                f"{label} still changes after {PASSES} cycles of this motion, as laws that harden under cyclic loads "
-                "do; the orbit is that after as many cycles"
-            )
+        remarks = list(evaluation.remarks)
         if self.undecided is not None and self.shooting is None:
             remarks.append(self.undecided)
 

@@ -55,12 +55,12 @@ class LawForce:
     `harmonics`, `wanted`: numbers of harmonics of the coordinate, H, and of the force, K.
     `force` (shape (2K + 1,)): Fourier series of the force, N.
     `slope` (shape (2K + 1, 2H + 1)): derivative of `force` with respect to the series of the coordinate.
-    `settled`: whether internal variables repeat after a period.
+    `remark`: what is to be known of internal variables; empty if they repeat and depend on this motion alone.
     """
 
     def __init__(self, harmonics: int, wanted: int, derivative: bool) -> None:
         self.harmonics, self.wanted, self.derivative = harmonics, wanted, derivative
-        self.force, self.settled = np.zeros(2 * wanted + 1), True
+        self.force, self.remark = np.zeros(2 * wanted + 1), ""
         self.slope = np.zeros((2 * wanted + 1, 2 * harmonics + 1))
         self._norm = np.full(2 * wanted + 1, 1.0 / np.pi)
         self._norm[0] = 0.5 / np.pi
@@ -114,7 +114,7 @@ class LawPaths:
         """
         total = LawForce(series.size // 2, wanted, derivative)
         if self.laws.laws[j].remembers:
-            total.settled = _with_past(self.laws.fresh(), j, series, total)
+            total.remark = _with_past(self.laws.fresh(), j, series, total)
         elif self.laws.kinks(j):
             _between_kinks(self.motion(j, series, omega), self.laws.kinks(j)[0], omega, series, total)
         else:
@@ -202,35 +202,44 @@ def _rates_of(functions: Array) -> Array:
     return np.concatenate([np.zeros((functions.shape[0], 1)), -order * sines, order * cosines], axis=1)
 
 
-def _with_past(laws: LawSet, j: int, series: Array, total: LawForce) -> bool:
-    """Follow the internal variables over the period until they repeat, then integrate; return whether they repeat."""
+def _with_past(laws: LawSet, j: int, series: Array, total: LawForce) -> str:
+    """Follow the internal variables over the period until they repeat, then integrate; return `LawForce.remark`."""
     harmonics = series.size // 2
     begin, end = stretches(series)
     functions = basis(begin, harmonics)
     u = functions @ series
     state = laws.of(j)
     slopes = np.zeros((state.size, series.size))
+    # Derivatives of the internal variables by those a period before.
+    kept = np.eye(state.size)
     # Internal variables where each stretch begins, and their derivatives by the series.
     past: list[tuple[Array, Array]] = [(state, slopes)] * begin.size
 
     def carry(i: int) -> None:
-        nonlocal slopes
+        nonlocal slopes, kept
         if total.derivative:
             _, by_past, now = laws.past_slopes(j, u[i])
-            slopes = by_past @ slopes + np.outer(now, functions[i])
+            slopes, kept = by_past @ slopes + np.outer(now, functions[i]), by_past @ kept
         laws.commit(j, u[i])
         past[i] = state.copy(), slopes
 
-    size = float(np.abs(series).sum())
-    settled = False
+    size, label = float(np.abs(series).sum()), laws.laws[j].label
+    remark = (
+        f"{label} still changes after {PASSES} cycles of this motion, as laws that harden under cyclic loads do; the "
+        "orbit is that after as many cycles"
+    )
     carry(0)
     for _ in range(PASSES):
-        before = state.copy()
+        before, kept = state.copy(), np.eye(state.size)
         for i in (*range(1, begin.size), 0):
             carry(i)
         change = np.abs(state - before)[1:]
         if np.all(change <= _SETTLED * (size + np.abs(before[1:]))):
-            settled = True
+            farther = (
+                f"{label} keeps traces of what came before this motion. Here nothing did; after loads that went "
+                "farther the motion may be another one"
+            )
+            remark = farther if total.derivative and np.any(np.abs(kept[1:, 1:]) > _SETTLED) else ""
             break
     kinks = []
     for known, _ in past:
@@ -262,7 +271,7 @@ def _with_past(laws: LawSet, j: int, series: Array, total: LawForce) -> bool:
             share = tangent[nodes] / tangent[middle] if tangent[middle] != 0.0 else np.ones(nodes.stop - nodes.start)
             by_series[nodes] = tangent[nodes, None] * moving[nodes] + np.outer(share, by_past @ slopes)
     total.add(projecting, weights, force, by_series if total.derivative else None)
-    return settled
+    return remark
 
 
 def nonlinear_groups(system: System) -> tuple[LawGroup, ...]:

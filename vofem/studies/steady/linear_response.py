@@ -123,6 +123,7 @@ def frequency_response(
         raise ArgumentError(
             f"{what}: frequencies is {frequencies!r}, expected one or more numbers in Hz, not negative, in one row"
         )
+    refuse_travelling(what, system)
     for group in system.laws:
         if not group.linear and group is not system.contacts:
             raise MethodError(
@@ -148,7 +149,6 @@ def frequency_response(
 
 def _force(what: str, system: System) -> tuple[Complex, complex]:
     """Return the harmonic load vector, shape (n,), and the amplitude ``a exp(i phase)`` of the first harmonic load."""
-    refuse_travelling(what, system)
     total, unit = np.zeros(system.size, dtype=complex), 0.0j
     for load in system.loads:
         amplitude = _amplitude(what, load.name, as_time_function(load.function))
