@@ -529,6 +529,14 @@ def test_a_branch_that_leaves_through_its_own_start():
     assert f"{fold.value:.12g}" in note
 
 
+@pytest.mark.parametrize("stop", [0.84375, 0.84625, 0.8475])
+def test_no_branch_leaves_its_interval(stop):
+    """At the flank of a resonance a long step leads farther than it was predicted."""
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.05)
+    branch = vf.continuation(lambda w: vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, w))]), 0.5, stop, max_step=0.5)
+    assert branch.values[-1] == branch.values.max() == stop
+
+
 def test_a_walk_that_comes_back_along_its_own_orbits_is_told(monkeypatch):
     """No branch does so. Here one direction is reversed, as by a step to another part of the branch."""
     accepted, steps = Follower._accepted, itertools.count()

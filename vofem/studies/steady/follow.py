@@ -290,6 +290,10 @@ class Follower:
             after = self._accepted(now, y, evaluation, step)
             if after is None or (end is not None and after.tangent[-1] * (end - now.value) < 0.0):
                 return self._ending(now, step) if step <= _SHORT else None
+            left = self.family.interval.beyond(after.value) if end is None else None
+            if left is not None and left != now.value:
+                # Off its prediction a step may lead beyond an end.
+                return self._advanced(now, step * (left - now.value) / (after.value - now.value), left)
             passed = None
             if chart.segmented:
                 passed = passage(self.family, now, after)
