@@ -114,3 +114,22 @@ def test_change_of_a_matrix():
     change = matrix_change(A, 0.7)
     assert change == pytest.approx(expm(0.7 * A) - np.eye(3), abs=1e-14)
     assert change[0, 0] == pytest.approx(np.expm1(-0.7e-6), rel=1e-13)
+
+
+def test_one_critically_damped_mode_beside_fast_ones():
+    """Damping couples a critically damped mass to a beam by 1e-7: only the mass is a cluster, or its search crawls."""
+    beam = vf.Beam(1.0, EI=0.1, rhoA=1.0, elements=2, supports={"left": "clamped", "right": "guided"}, tension=1.0)
+    mass = vf.Mass(1.0, stiffness=1.0, damping=2.0)
+    effects = [vf.Spring(beam.at(0.75), mass, stiffness=1e-6), vf.PointLoad(mass, vf.Ramp(0.5, 1.0, 1.25))]
+    stop = vf.Contact(beam.at(0.75), gap=0.0, stiffness=100.0, damping=0.1, side="below", acts_on="penetration")
+    result = vf.simulate(vf.Scene([beam, mass], [*effects, stop]), 1.001, method="event_driven")
+    assert result.counters.gap_evaluations < 1000  # 47159 where the modes of the beam belong to the cluster too
+    t = np.linspace(0.0, 8.0, 33)
+    scene = vf.Scene([beam, mass], effects[:1], initial={mass: (1.0, -0.5)})
+    assert vf.simulate(scene, 8.0, times=t, method="event_driven").samples.q == pytest.approx(
+        exact(scene, t), abs=1e-13
+    )
+    frequency = np.array([1.0, 3.0, 11.0, 39.0])
+    damping = np.diag([2.0, 0.0, 22.0, 0.0]) + 1e-7
+    (cluster,) = damped_blocks(frequency**2, damping).clusters
+    assert cluster.member.size == 2

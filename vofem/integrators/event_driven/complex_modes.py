@@ -1,7 +1,8 @@
 """Non-classical damping: complex modes, written as independent real blocks.
 
-Where eigenvalues nearly coincide, their eigenvectors are nearly dependent and would amplify rounding. The motions that
-damping couples with them are then kept together in one cluster, see `clusters`.
+Where eigenvalues nearly coincide, their eigenvectors are nearly dependent and would amplify rounding. Their motions are
+then kept together in one cluster, see `clusters`: alone, where they are far enough from the others that damping couples
+with them, and else together with these.
 """
 
 from __future__ import annotations
@@ -9,8 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vofem.arrays import Array, IntArray
+from vofem.arrays import Array, Complex, IntArray
 from vofem.integrators.event_driven.clusters import Cluster
 
 #: Coupling by damping below this share of the damping itself is rounding.
@@ -26,6 +28,9 @@ _APART = 1e-2
 #: Condition number of complex modes, over the square of their number, up to which they are used. A cluster loses no
 #: digits, but an evaluation takes a time of the cube of its size.
 _WELL = 10.0
+
+#: Cosine of the angle between two complex modes from which on both belong to a cluster.
+_ALIKE = 0.999
 
 
 class Blocks(NamedTuple):
@@ -142,7 +147,12 @@ def _part_blocks(k: Array, c: Array) -> Blocks:
     stiffest = np.argsort(-omega, kind="stable")
     order = np.column_stack([n + stiffest, stiffest]).ravel()
     scale = np.concatenate([omega, np.ones(n)])
-    found = _independent(np.ascontiguousarray(state[np.ix_(order, order)]))
+    ordered = np.ascontiguousarray(state[np.ix_(order, order)])
+    roots, modes = np.linalg.eig(ordered)
+    alike = np.sum(np.abs(modes.conj().T @ modes) > _ALIKE, axis=0) > 1
+    found = _independent(ordered, roots, modes, np.zeros(2 * n, dtype=bool))
+    if found is None and 0 < alike.sum() < 2 * n and alike.sum() % 2 == 0:
+        found = _independent(ordered, roots, modes, alike)
     if found is None:
         largest = np.full(n, float(np.linalg.norm(state, 2)) ** 2)
         return Blocks(np.zeros(n), largest, np.diag(1.0 / scale), np.diag(scale), (Cluster(np.arange(n), state),))
@@ -150,31 +160,49 @@ def _part_blocks(k: Array, c: Array) -> Blocks:
     return found._replace(out=found.out[place] / scale[:, None], into=found.into[:, place] * scale)
 
 
-def _independent(state: Array) -> Blocks | None:
-    """Split ``x' = state x``, shape (2n, 2n), into n blocks; None where its modes are nearly dependent."""
-    n = state.shape[0] // 2
-    roots, modes = np.linalg.eig(state)
-    upper, real = np.flatnonzero(roots.imag > 0.0), np.flatnonzero(roots.imag == 0.0)
+def _independent(state: Array, roots: Complex, modes: Complex, alike: NDArray[np.bool_]) -> Blocks | None:
+    """Split ``x' = state x``, shape (2n, 2n), into n blocks; None where its modes are nearly dependent.
+
+    Those that are `alike`, shape (2n,), form a cluster.
+    """
+    n, g = state.shape[0] // 2, int(alike.sum()) // 2
+    upper, real = np.flatnonzero((roots.imag > 0.0) & ~alike), np.flatnonzero((roots.imag == 0.0) & ~alike)
     real = real[np.argsort(roots[real].real, kind="stable")]
     # Real roots form blocks two by two, a quick one with a slow one.
     quick, slow = roots[real[: real.size // 2]].real, roots[real[real.size // 2 :]].real
     a, b = roots[upper].real, roots[upper].imag
     if np.any(b <= _APART * np.hypot(a, b)) or np.any(slow - quick <= np.sqrt(2.0) * _APART * np.hypot(slow, quick)):
         return None
+    basis = np.empty((2 * n, 0))
+    if g:
+        from scipy.linalg import schur
+
+        # Schur vectors span what nearly equal eigenvectors leave undetermined.
+        basis = schur(state, sort=lambda x, y: alike[np.argmin(np.abs(x + 1j * y - roots))])[1][:, : 2 * g]
     # On both columns of a complex root the motion is xi' = [[a, -b], [b, a]] xi.
     columns = np.hstack(
-        [np.sqrt(2.0) * modes[:, upper].real, -np.sqrt(2.0) * modes[:, upper].imag, modes[:, real].real]
+        [np.sqrt(2.0) * modes[:, upper].real, -np.sqrt(2.0) * modes[:, upper].imag, modes[:, real].real, basis]
     )
     if not np.linalg.cond(columns) < _WELL * n**2:
         return None
     rows = np.linalg.inv(columns)
-    m, end = upper.size, upper.size + n
+    m, last = upper.size, 2 * (n - g)
+    end = m + n - g
     out, into = np.empty((2 * n, 2 * n)), np.empty((2 * n, 2 * n))
     one, two, first, second = columns[:, :m], columns[:, m : 2 * m], rows[:m], rows[m : 2 * m]
     out[:, :m], out[:, n : n + m] = one + two * (a / b), -two / b
     into[:m], into[n : n + m] = first, a[:, None] * first - b[:, None] * second
-    one, two, first, second = columns[:, 2 * m : end], columns[:, end:], rows[2 * m : end], rows[end:]
-    out[:, m:n] = (one * slow - two * quick) / (slow - quick)
-    out[:, n + m :] = (two - one) / (slow - quick)
-    into[m:n], into[n + m :] = first + second, quick[:, None] * first + slow[:, None] * second
-    return Blocks(np.append(-a, -0.5 * (quick + slow)), np.append(a**2 + b**2, quick * slow), out, into)
+    one, two, first, second = columns[:, 2 * m : end], columns[:, end:last], rows[2 * m : end], rows[end:last]
+    out[:, m : n - g] = (one * slow - two * quick) / (slow - quick)
+    out[:, n + m : 2 * n - g] = (two - one) / (slow - quick)
+    into[m : n - g], into[n + m : 2 * n - g] = first + second, quick[:, None] * first + slow[:, None] * second
+    delta, p = np.append(-a, -0.5 * (quick + slow)), np.append(a**2 + b**2, quick * slow)
+    if not g:
+        return Blocks(delta, p, out, into)
+    member = np.arange(n - g, n)
+    both = np.concatenate([member, n + member])
+    out[:, both], into[both] = basis, rows[last:]
+    generator = basis.T @ state @ basis
+    largest = np.full(g, float(np.linalg.norm(generator, 2)) ** 2)
+    clusters = (Cluster(member, generator),)
+    return Blocks(np.append(delta, np.zeros(g)), np.append(p, largest), out, into, clusters)
