@@ -1,5 +1,7 @@
 """Ctrl-C: the first press ends a step and keeps what was computed, the second one ends a command; files are whole."""
 
+import ctypes
+import gc
 import os
 import signal
 import subprocess
@@ -14,6 +16,8 @@ from scenes import FREE, SHORT
 import vofem as vf
 from vofem import cli
 from vofem.integrators.observer import deferred_interrupts
+from vofem.kernels.jit import compiling
+from vofem.kernels.mode import Outgrown, check_patience, kernels
 
 ROOT = Path(__file__).parent.parent
 
@@ -208,3 +212,21 @@ def test_a_branch_is_interrupted_within_a_step(foreground, method):
     assert branch.interrupted
     assert branch.notes[-1].startswith("interrupted at ")
     assert len(branch) > 1
+
+
+def test_ctrl_c_is_not_forgotten_where_a_run_would_begin_anew_with_compiled_code(foreground):
+    """The step in which Ctrl-C is pressed exceeds the time after which a run in plain Python begins anew."""
+    with kernels(compiled=False, patience=-1.0), deferred_interrupts() as pressed:
+        with pytest.raises(Outgrown):
+            check_patience()
+        press()
+        check_patience()
+        assert pressed()
+
+
+def test_ctrl_c_is_not_dropped_where_the_compiler_calls_python(foreground):
+    """LLVM hands over what it has compiled to a callback in Python, which hears of Ctrl-C and cannot raise."""
+    callback = ctypes.CFUNCTYPE(None)(press)
+    with pytest.raises(KeyboardInterrupt), compiling():
+        callback()
+    assert gc.isenabled()

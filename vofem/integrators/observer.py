@@ -7,6 +7,8 @@ import signal
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
+from vofem.kernels.mode import have_patience
+
 #: Plain data from which a run goes on as if it had never stopped.
 Snapshot = dict[str, Any]
 
@@ -37,6 +39,7 @@ class _Deferred:
     def __call__(self, number: int, frame: Any) -> None:
         """Count a press."""
         self.presses += 1
+        have_patience()
         try:
             if callable(self.before):
                 self.before(number, frame)

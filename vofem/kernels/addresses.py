@@ -19,7 +19,7 @@ from weakref import WeakValueDictionary
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
-from vofem.kernels.jit import CompiledFunction, Intrinsic, compiled_form, imported_numba, without_collections
+from vofem.kernels.jit import CompiledFunction, Intrinsic, compiled_form, compiling, imported_numba
 from vofem.kernels.mode import compiled
 
 #: Functions and arrays by the negative numbers that stand for their addresses in plain Python.
@@ -65,7 +65,7 @@ def _compiled_address(function: CompiledFunction) -> int:
     types = imported_numba().types
     numbers = types.CPointer(types.float64)
     kind = types.float64(types.int64, numbers, numbers, types.float64, types.float64)
-    with without_collections():
+    with compiling():
         _KEPT.append(compiled_form(partial(imported_numba().cfunc, kind), function.prepared))
     return int(_KEPT[-1].address)
 

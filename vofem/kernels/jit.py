@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import os
+import sys
 import threading
 import types
 from collections.abc import Callable, Iterator
@@ -91,7 +92,7 @@ class CompiledFunction:
         if compiled():
             if "dispatcher" in vars(self):
                 return self.dispatcher(*arguments)
-            with without_collections():
+            with compiling():
                 return self.dispatcher(*arguments)
         check_patience()
         # Compiled code divides by zero and overflows without a warning.
@@ -100,15 +101,30 @@ class CompiledFunction:
 
 
 @contextlib.contextmanager
-def without_collections() -> Iterator[None]:
-    """Let Python not look for garbage: while it compiles, it would look through all of numba's trees in vain."""
-    active = gc.isenabled()
+def compiling() -> Iterator[None]:
+    """Compile within this block, which ends in KeyboardInterrupt where Ctrl-C was pressed.
+
+    LLVM calls Python back, hears of Ctrl-C there, and drops the exception. Python does not look for garbage: it would
+    look through all of numba's trees in vain.
+    """
+    active, before, dropped = gc.isenabled(), sys.unraisablehook, list[Any]()
+
+    def hook(unraisable: Any) -> None:
+        if unraisable.exc_type is KeyboardInterrupt:
+            dropped.append(unraisable.exc_value)
+        else:
+            before(unraisable)
+
     gc.disable()
+    sys.unraisablehook = hook
     try:
         yield
     finally:
+        sys.unraisablehook = before
         if active:
             gc.enable()
+    if dropped:
+        raise KeyboardInterrupt
 
 
 def _linked(function: Callable[..., Any], form: str) -> Callable[..., Any]:

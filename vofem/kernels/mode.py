@@ -76,6 +76,13 @@ def check_patience() -> None:
         raise Outgrown
 
 
+def have_patience() -> None:
+    """Let work in plain Python go on to its end, as where Ctrl-C asks for what it has: begun anew, it would forget."""
+    mode = _MODE.get()
+    if mode is not None:
+        _MODE.set(mode._replace(deadline=float("inf")))
+
+
 @contextlib.contextmanager
 def kernels(*, compiled: bool, patience: float = float("inf"), first: bool = False) -> Iterator[None]:
     """Run all kernels that are called within as compiled code, or as plain Python.
