@@ -105,6 +105,12 @@ def test_faults_have_exit_code_1_and_no_traceback(scene, words, message, capsys)
     assert "Traceback" not in err
 
 
+def test_a_wrong_error_is_named_before_anything_is_measured(scene, tmp_path, capsys):
+    assert cli.main(["accuracy", str(scene), "--error", "-1", "--output", str(tmp_path)]) == 1
+    said = capsys.readouterr()
+    assert (said.out, said.err) == ("", "vofem: --error is -1.0, expected a positive number\n")
+
+
 def test_all_problems_of_a_file_are_shown(scene, capsys):
     scene.write_text(SHORT.replace("mass = 1.0", "mass = -1.0").replace("gap = 0.5", "gab = 0.5"))
     for command in ("run", "explain"):

@@ -192,3 +192,6 @@ def test_the_command_line_writes_a_movie(run, tmp_path, capsys):
     assert cli.main([*arguments, "--point", "beam@0.5"]) == 0
     assert "3 frames" in capsys.readouterr().out
     assert len(frames_of(goal)[0]) == 3
+    for words in (["--snapshot"], ["--output", str(tmp_path)], ["--times", "1.0"]):
+        assert cli.main([*arguments, *words]) == 1
+        assert capsys.readouterr().err.startswith(f"vofem: {words[0]} is for pictures")

@@ -386,8 +386,9 @@ def _movie(arguments: argparse.Namespace) -> int:
     from vofem.io.movies import animate
     from vofem.io.scene_file import point_named
 
-    if arguments.times:
-        raise ArgumentError("--times are those of pictures; leave them out with --movie, or --movie with them")
+    given = {"--times": arguments.times, "--snapshot": arguments.snapshot, "--output": arguments.output}
+    for name in (name for name, value in given.items() if value):
+        raise ArgumentError(f"{name} is for pictures; leave it out with --movie, or --movie with it")
     result = _loaded(arguments.run)
     point = None if arguments.point is None else point_named(result.scene, arguments.point)
     outcome = animate(
@@ -611,6 +612,7 @@ def _add_accuracy(commands: Commands) -> None:
 
 
 def _accuracy(arguments: argparse.Namespace) -> int:
+    from vofem._validate import number
     from vofem.io.plot import work_precision as draw
     from vofem.io.scene_file import load_scene, point_named
     from vofem.io.tables import study_table, write_study
@@ -620,6 +622,8 @@ def _accuracy(arguments: argparse.Namespace) -> int:
     t_end = arguments.t_end if arguments.t_end is not None else file.run.t_end if file.run is not None else None
     if t_end is None:
         raise ArgumentError(f"{file.path} does not say how long to run; add t_end to a table [run], or give --t-end")
+    # Checked first, so that a minute of runs does not end without its table.
+    number("--error", arguments.error, positive=True)
     folder = _output(arguments, arguments.scene)
     study = work_precision(
         file.scene, t_end, methods=arguments.methods, dt=arguments.dt, tol=arguments.tol, elements=arguments.elements,
