@@ -81,3 +81,22 @@ def test_an_equilibrium_says_what_it_is():
     for load, said in words.items():
         assert repr(vf.equilibrium(vf.Scene([mass], [stop, vf.PointLoad(mass, load)]))) == f"Equilibrium({said})"
     assert repr(vf.equilibrium(vf.Scene([mass], [vf.PointLoad(mass, 1.0)]))) == "Equilibrium(no contacts)"
+
+
+@pytest.mark.parametrize("contact", [False, True])
+def test_a_buckled_beam_has_no_equilibrium_to_be_returned(contact):
+    """Beyond the critical force, pi^2 EI/L^2, what the equations give is a maximum of the energy, against the load."""
+    found = []
+    for tension in (-9.8, -9.88):
+        beam = vf.Beam(
+            1.0, EI=1.0, rhoA=1.0, elements=10, supports=dict.fromkeys(("left", "right"), "pinned"), tension=tension
+        )
+        stop = vf.Contact(beam.at(0.5), gap=9.0, stiffness=1e3, side="above", acts_on="penetration")
+        scene = vf.Scene([beam], [vf.PointLoad(beam.at(0.5), 0.3), *[stop] * contact])
+        if tension > -9.8696:
+            found.append(vf.equilibrium(scene).displacement(beam.at(0.5)))
+            continue
+        for answer in (lambda of=scene: vf.equilibrium(of), lambda of=scene: vf.quasi_static(of, [0.0, 1.0])):
+            with pytest.raises(vf.SingularSystemError, match="has buckled"):
+                answer()
+    assert found[0] > 0.0

@@ -62,7 +62,7 @@ def modal_basis(mass: Any, stiffness: Any, scale: Array, rigid: Array, strain: A
     if singles.size:
         m, k = mass.diagonal()[singles], stiffness.diagonal()[singles]
         if np.any(k < 0):
-            raise _indefinite(strain is not None)
+            raise indefinite(strain is not None)
         values[singles] = k / m
         shapes[singles, singles] = 1.0 / np.sqrt(m)
     # The rigid motions of other parts appear in a part as rounding, which is compared with the whole motion.
@@ -260,7 +260,8 @@ def _orthogonal(shapes: Array, mass: Any) -> Array:
     return np.asarray(solve_triangular(factor, shapes.T, trans="T").T)
 
 
-def _indefinite(squares: bool) -> SingularSystemError:
+def indefinite(squares: bool) -> SingularSystemError:
+    """Return the error of a stiffness matrix that is not positive; `squares` says whether it is a sum of squares."""
     if squares:
         return SingularSystemError(
             "rounding has made the stiffness matrix indefinite: elements or springs differ too much in stiffness, as "
@@ -295,7 +296,7 @@ def _coupled(
         direct, high = eigh(k, m, driver="gvd")
         inverse, low = eigh(m, k, driver="gvd")
     except LinAlgError:
-        raise _indefinite(squares) from None
+        raise indefinite(squares) from None
     half = _border(1.0 / inverse[-1], direct[: n - r])
     values = np.empty(n)
     vectors = np.empty((n, n))
@@ -304,7 +305,7 @@ def _coupled(
     vectors[:, r : r + half] = low[:, ::-1][:, :half] * np.sqrt(values[r : r + half])
     values[r + half :], vectors[:, r + half :] = direct[half : n - r], high[:, half : n - r]
     if np.any(values[r:] <= 0):
-        raise _indefinite(squares)
+        raise indefinite(squares)
     return values, vectors * balance[:, None]
 
 

@@ -21,6 +21,7 @@ from vofem.integrators.rounding import graded
 from vofem.laws import CLOSED, OPEN, PINNED, LawSet
 from vofem.laws.law import FORCE, TANGENT
 from vofem.laws.rows import all_rows
+from vofem.linalg.eigen import indefinite
 from vofem.linalg.null_space import null_space
 from vofem.statics.coordinates import Coordinates
 from vofem.system import System
@@ -52,12 +53,18 @@ _MOST_CORRECTIONS = 8
 _RAMPS = (1e-6, 1e-9, 1e-12)
 
 
-def _factorize(matrix: Any) -> Any:
-    """Return a function that solves with a sparse symmetric matrix."""
+def _factorize(matrix: Any, squares: bool) -> Any:
+    """Return a function that solves with a sparse symmetric matrix; `squares` says whether it is a sum of squares."""
     from scipy.sparse.linalg import splu
 
+    def factor(**more: Any) -> Any:
+        return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}, **more)
+
     try:
-        return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve
+        # Under compression the energy may have no minimum. Pivots on the diagonal have the signs of its curvatures.
+        if not squares and np.any(factor(diag_pivot_thresh=0.0).U.diagonal() < 0.0):
+            raise indefinite(squares)
+        return factor().solve
     except RuntimeError as error:
         raise SingularSystemError(f"the stiffness matrix is singular ({error}); hold the structure better") from None
 
@@ -75,7 +82,9 @@ def solver_of(system: System) -> Solve:
 
     held = holding(system)
     if system.strain is None or (system.size <= _MANY_UNKNOWNS and not graded(system)):
-        respond = _factorize(system.stiffness if held is None else system.stiffness + held.T @ held)
+        respond = _factorize(
+            system.stiffness if held is None else system.stiffness + held.T @ held, system.strain is not None
+        )
     else:
         from vofem.linalg.orthogonal import OrthogonalFactor, elimination_orders
 
