@@ -461,3 +461,16 @@ def test_a_force_that_crosses_a_beam_in_much_less_than_its_period_does_the_work_
     assert energy.work[-1] == pytest.approx(energy.kinetic[-1] + energy.strain[-1], rel=rounding)
     # An impulse of all modes in the limit of infinite speed.
     assert energy.work[-1] == pytest.approx(0.5 / speed**2, rel=0.05)
+
+
+@pytest.mark.parametrize("length", [1.0, 2.0**-20, 2.0**10])
+def test_a_contact_that_comes_onto_its_beam_pressed_closes_at_that_moment(length):
+    """The time lay anywhere in the step, and depended on the unit of length: points beside a beam stood 1 m away."""
+    supports = {"left": "clamped"}
+    beam = vf.Beam(length, EI=length**3, rhoA=1.0 / length, elements=4, supports=supports, name="beam")
+    wheel = vf.Mass(1.0, stiffness=1.0, name="wheel")
+    point = beam.along(vf.Path(0.5 * length, start=0.3 * length, begin=0.3))
+    tyre = vf.Contact(point, wheel, gap=0.01 * length, stiffness=20.0, acts_on="penetration", name="tyre")
+    scene = vf.Scene([beam, wheel], [tyre], initial={wheel: (-0.3 * length, 0.0)})
+    result = vf.simulate(scene, 0.5, method="energy_conserving", dt=2.0**-6)
+    np.testing.assert_allclose(result.contacts["tyre"].closings, [0.3], rtol=1e-12)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.arrays import Array
+from vofem.arrays import Array, IntArray
 from vofem.errors import MethodError
 from vofem.laws import LawGroup
 from vofem.laws.moving import Rider
@@ -72,6 +72,21 @@ class Movement:
             if not self.tied[law] and (jumps := rider.jumps(float(times[-1] + dt[-1]))).size:
                 near = np.any(np.abs(jumps[:, None] - middle) <= dt, axis=0)
                 found[:, law] &= ~(near & np.diff(rider.inside(times)))
+        return found
+
+    def passages(self, laws: IntArray, begin: Array, end: Array, times: Array) -> Array:
+        """Return times of events of laws within steps: where a point comes onto its beam or leaves it, that moment.
+
+        There the coordinate jumps, which no chord tells.
+        """
+        found = times.copy()
+        for k, law in enumerate(laws.tolist()):
+            there = self.present(np.array([begin[k], end[k]]))[:, law]
+            low, high = float(begin[k]), float(end[k])
+            while there[0] != there[1] and low < (middle := 0.5 * (low + high)) < high:
+                same = self.present(np.array([middle]))[0, law] == there[0]
+                low, high = (middle, high) if same else (low, middle)
+                found[k] = high
         return found
 
     def settling(self, times: Array) -> NDArray[np.int64]:

@@ -104,7 +104,7 @@ class Switches:
     """
 
     def __init__(self, structure: Structure, status: IntArray) -> None:
-        self.laws, self._columns = structure.system.contacts, structure.columns
+        self.laws, self._columns, self._movement = structure.system.contacts, structure.columns, structure.movement
         self._sizes = None if self.laws is None else abs(structure.contacts)
         self.status, self.size = status.copy(), 0.0
         self.log: list[Array] = []
@@ -151,6 +151,8 @@ class Switches:
         part = np.divide(before, before - after, out=np.ones(step.size), where=before != after)
         row = first + 1 + step
         t = path.t[row] - path.dt[row] * (1.0 - np.clip(part, 0.0, 1.0))
+        if self._movement is not None:
+            t = self._movement.passages(contact, path.t[row] - path.dt[row], path.t[row], t)
         self._enter(t, contact, np.where(closed[step + 1, contact], CLOSED, OPEN), t_end)
 
     def _enter(self, t: Array, contact: IntArray | int, status: IntArray | int, t_end: float) -> None:
