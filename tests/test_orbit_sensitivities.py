@@ -259,6 +259,21 @@ def test_a_grazing_beside_impacts_of_the_same_rigid_stop() -> None:
     assert slope == pytest.approx((grazing(0.401).value - grazing(0.399).value) / 2e-3, rel=1e-4)
 
 
+def test_derivatives_by_the_frequency_do_not_depend_on_the_unit_of_time() -> None:
+    """Frequencies were changed by 1 rad/s, and extremes found to 1e-16 s, however fast the loads are."""
+    found = []
+    for time in (1.0, 2.0**-40):
+        mass = vf.Mass(1.0, stiffness=time**-2, damping=0.1 / time, name="m")
+        stop = vf.Contact(mass, gap=0.1, stiffness=8.0 * time**-2, side="above", acts_on="penetration", name="stop")
+        loads = [vf.PointLoad(mass, vf.Sine(f * time**-2, 1.3 / time, phase=f), name=f"load {f}") for f in (1.0, 0.3)]
+        orbit = vf.periodic(vf.Scene([mass], [stop, *loads]))
+        derived = sensitivities(orbit, [Parameter("stop", "gap"), Parameter(loads, "f.omega")])
+        found.append(derived.amplitude(mass) / [1.0, time])
+        with pytest.raises(vf.ArgumentError, match="no longer have a common period"):
+            sensitivities(orbit, [Parameter(loads[0], "f.omega")])
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-10)
+
+
 def test_what_has_no_derivative_is_refused_by_name() -> None:
     data = DATA["P1"]["orbits"][1]
     scene = scene_of(data["point"], data["point"]["om"])

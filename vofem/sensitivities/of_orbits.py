@@ -88,14 +88,15 @@ class OrbitSensitivities(MotionSensitivities):
         """Return the derivative of the logarithm of the frequency of the loads by a parameter."""
         if not parameter.field.endswith("omega"):
             return 0.0
-        waves = [_frequencies(scene) for scene in (self._scene, parameter.changed(self._scene, 1.0))]
+        value = parameter.value(self._scene)
+        waves = [_frequencies(scene) for scene in (self._scene, parameter.changed(self._scene, value))]
         growth = np.unique((waves[1] - waves[0]) / waves[0]) if waves[0].size else np.zeros(1)
         if np.ptp(growth) > 1e-12:
             raise ArgumentError(
                 f"Parameter {parameter.name}: with it the loads no longer have a common period; link all of their "
                 "frequencies by a list of objects"
             )
-        return float(growth[0])
+        return float(growth[0]) / value
 
     def _last_rate(self) -> Array:
         """Return the rate of the scaled state at the end of the orbit, shape (2n,)."""
@@ -370,4 +371,4 @@ def _root(rate: Callable[[float], float], low: float, high: float) -> float:
 
     if rate(low) * rate(high) > 0.0:
         return low if abs(rate(low)) < abs(rate(high)) else high
-    return float(brentq(rate, low, high, xtol=1e-16, rtol=1e-15))
+    return float(brentq(rate, low, high, xtol=1e-16 * high, rtol=1e-15))
