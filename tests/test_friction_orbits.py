@@ -504,3 +504,20 @@ def test_a_slider_begins_to_stop_at_the_same_value_in_other_units() -> None:
         found.append([mark.value for mark in branch.special])
         assert [mark.kind for mark in branch.special] == ["sticking"]
     assert found[1] == pytest.approx(found[0], rel=1e-10)
+
+
+@pytest.mark.parametrize("status", [3, 4])
+def test_a_slider_that_does_not_move_at_the_start_of_an_orbit_sticks_there(status: int) -> None:
+    """It was said to slide until it stopped at once; equations of its branch were inf, and so were multipliers."""
+    from vofem.studies.steady.signature import signature_of
+
+    block = vf.Mass(1.0, stiffness=1.0, name="block")
+    pad = vf.Friction(block, coefficient=0.5, normal=2.0, name="pad")
+    known: Any = vf.periodic(vf.Scene([block], [pad, vf.PointLoad(block, vf.Sine(1.6, 0.6))])).source.motion()
+    chart, problem = known.chart, known.problem
+    assert chart.statuses[1] == [2]
+    phase = float(chart.phases(known.y)[0]) + 0.3 * float(chart.lengths(known.y)[1])
+    new, y = signature_of(problem, problem.run(chart.at_phase(problem, known, phase), phase, [status]))
+    assert new.start == (2,)
+    assert [switch.status for switch in new.switches] == [4, 2, 3, 2]
+    assert new.lengths(y)[0] == pytest.approx(0.7 * float(chart.lengths(known.y)[1]), rel=1e-6)

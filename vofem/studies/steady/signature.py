@@ -42,7 +42,7 @@ from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
 from vofem.studies.steady.settling import SETTLES, bounces_of, settled
 from vofem.studies.steady.shooting import CLOSES, Shooting, relative, share
 from vofem.studies.steady.sticking import centring, excess, places_of, released
-from vofem.studies.steady.switches import Switch, Switches
+from vofem.studies.steady.switches import AT_ONCE, Switch, Switches
 from vofem.system import CLOSED, PINNED
 
 #: Steps of an orbit from which its range is refined, and the least number in a segment.
@@ -791,6 +791,11 @@ def signature_of(problem: Shooting, flow: Flow) -> tuple[Signature, Array]:
     start = tuple(PINNED if j in stuck else int(s) for j, s in enumerate(segments.status[0]))
     events = [(e.time * omega, switch) for e, switch in _switches(problem, flow) if switch.contact not in stuck]
     anchor = flow.start.time * omega
+    if events and events[0][0] - anchor <= AT_ONCE:
+        # What is left at once is not the status at the start, where the orbit ends in the one that is entered.
+        contact, status = events[0][1][:2]
+        if [e.after for e in flow.events if e.contact == contact][-1] == status:
+            start, events = (*start[:contact], status, *start[contact + 1 :]), events[1:]
     lengths = np.diff([anchor, *(time for time, _ in events)])
     new = Signature(start, tuple(switch for _, switch in events), anchor, problem.periods)
     state = problem.to_unknowns(flow.start.displacement, flow.start.velocity)
