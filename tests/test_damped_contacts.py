@@ -128,3 +128,17 @@ def test_steps_are_of_second_order_where_a_damper_begins_to_act(method):
     order = -np.diff(np.mean(np.log(errors), axis=1)) / np.diff(np.mean(np.log(counts), axis=1))
     assert 1.4 < float(order[0]) < 2.4
     assert errors[1].max() < 1e-3
+
+
+def test_the_damper_of_a_resolved_switch_starts_with_the_same_force_in_other_units() -> None:
+    """Its force at t = 0 was that 1e-9 m ahead: motions of a stop of micrometres were off by 2e-3."""
+    found = []
+    for length in (1.0, 2.0**-20):
+        mass = vf.Mass(1.0, stiffness=1.0, name="m")
+        stop = vf.Contact(
+            mass, gap=0.05 * length, stiffness=30.0, damping=0.8, side="above", acts_on="penetration",
+            switch=vf.Resolved(40.0 / length), name="stop",
+        )  # fmt: skip
+        scene = vf.Scene([mass], [stop], initial={mass: (0.07 * length, -0.5 * length)})
+        found.append(vf.simulate(scene, 0.5, method="generalized_alpha", dt=2.0**-6).displacement(mass) / length)
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-12)

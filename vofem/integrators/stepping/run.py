@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vofem._validate import TINY
 from vofem.arrays import Array, IntArray
 from vofem.errors import ConvergenceError, InstabilityError
 from vofem.integrators.base import ProbeRows, Samples
@@ -210,11 +211,12 @@ class Run:
         reaction[:m] = share * laws.elastic(u[:m]) + damper[:m]
 
     def _start_dampers(self, u: Array, rate: Array) -> Array:
-        """Return the contact dampers' forces at t = 0: of a path of a millionth of the rate's own length scale."""
+        """Return the contact dampers' forces at t = 0: of a path of a millionth of the way to the first kink."""
         forces = np.zeros(u.size)
         for j, law in enumerate(self.laws.laws):
             if law.damped:
-                ahead = u[j] + 1e-9 + max((1e-6 * abs(kink - u[j]) for kink in self.laws.kinks(j)[:1]), default=0.0)
+                off = [1e-6 * abs(kink - u[j]) for kink in self.laws.kinks(j)[:1]]
+                ahead = u[j] + max(TINY, 1e-12 * abs(u[j]), *off)
                 forces[j] = rate[j] * ask(self.laws.records, j, DAMPING, float(u[j]), float(ahead))
         return forces
 
