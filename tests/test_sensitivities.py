@@ -478,3 +478,16 @@ def test_a_contact_comes_to_rest_beside_a_dashpot():
     assert moved == pytest.approx((ends[0] - ends[1]) / (2.0 * step), rel=1e-8)
     found = vf.gradient(result, vf.objectives.sum_of_squares(b, [3.0], [0.0]), parameters)
     assert found[0] == pytest.approx(2.0 * result.displacement(b)[0] * moved, rel=1e-12)
+
+
+def test_derivatives_by_large_numbers_of_loads_are_not_zero() -> None:
+    """A load of 1e18 N plus 1 N is the same load, and counted as one that does not hold the number."""
+    found = []
+    for mass in (1.0, 2.0**60):
+        body = vf.Mass(mass, stiffness=mass, damping=0.1 * mass, name="m")
+        stop = vf.Contact(body, gap=0.1, stiffness=8.0 * mass, side="above", acts_on="penetration", name="stop")
+        scene = vf.Scene([body], [stop, vf.PointLoad(body, vf.Sine(mass, 1.3), name="load")])
+        run = vf.simulate(scene, 6.0, times=[3.0, 6.0], method="event_driven")
+        found.append(mass * vf.sensitivities(run, vf.Parameter("load", "f.amplitude")).displacement(body)[:, 0])
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-10)
+    assert np.all(found[0] != 0.0)

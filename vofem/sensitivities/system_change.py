@@ -195,7 +195,8 @@ def _numbers(scene: Scene) -> dict[str, Any]:
 
 def _of_function(scene: Scene, parameter: Parameter, path: tuple[str, ...]) -> SystemChange:
     """Return the derivative by a number of a function of time, which changes nothing but this function."""
-    changed = parameter.changed(scene, 1.0).model.system
+    # Large enough to change any of the numbers.
+    changed = parameter.changed(scene, max(1.0, abs(parameter.value(scene)))).model.system
     system = scene.model.system
     touched = {k: path for k, (a, b) in enumerate(zip(system.loads, changed.loads, strict=True))
                if a.function != b.function}  # fmt: skip
