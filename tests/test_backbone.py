@@ -223,3 +223,22 @@ def test_bad_arguments():
         vf.lyapunov(scene, 10.0, skip=10.0)
     with pytest.raises(vf.ArgumentError, match="t_end"):
         vf.lyapunov(scene, -1.0)
+
+
+def test_a_backbone_on_which_the_motion_vanishes_ends_in_the_same_way_in_other_units(monkeypatch):
+    """The size of the motion was that of displacements and half the period, in m and in s."""
+    monkeypatch.setattr("vofem.studies.steady.follow._VANISHED", 0.9)
+    told = []
+    for length, time, mass in ((1.0, 1.0, 1.0), (2.0**10, 2.0**-10, 2.0**30)):
+        stiffness = mass / time**2
+        a = vf.Mass(0.6 * mass, stiffness=1.15 * stiffness, name="a")
+        b = vf.Mass(mass, stiffness=0.52 * stiffness, name="b")
+        stop = vf.Contact(
+            a, gap=0.165 * length, stiffness=14.5 * stiffness, side="above", acts_on="penetration", name="stop"
+        )
+        scene = vf.Scene([a, b], [vf.Spring(a, b, stiffness=0.614 * stiffness), stop])
+        with pytest.raises(vf.ConvergenceError) as caught:
+            vf.backbone(scene, 1, energies=np.array([0.1, 0.6]) * stiffness * length**2)
+        told.append(caught.value.branch.orbits)
+        assert "the motion vanishes" in str(caught.value)
+    assert len(told[0]) == len(told[1])

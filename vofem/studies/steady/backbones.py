@@ -378,11 +378,12 @@ class _AtLevel:
 
     search: _Search
     level: float
+    least: ClassVar[float] = 0.0
 
     @property
     def size(self) -> int:
-        """Number of unknowns."""
-        return self.search.space.size + 1
+        """Number of displacements, whose size is that of the motion; half the period is one more unknown."""
+        return self.search.space.size
 
     def evaluate(self, unknowns: Array, *, derivative: bool = True) -> _Evaluation:
         """Return the equations at a modal displacement at rest and half the period in s, shape (n + 1,)."""

@@ -582,7 +582,7 @@ class Follower:
         points = self.points
         if len(points) < _LOOP:
             return False
-        own = now.chart.scales(now.problem, now.evaluation)[: now.problem.size]
+        own = now.chart.scales(now.problem, now.evaluation)[: points[0].unknowns().size]
         scales = np.append(own, self.family.interval.size)
 
         def place(point: Point) -> Array:
