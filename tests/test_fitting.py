@@ -450,3 +450,19 @@ def test_a_length_and_a_place_on_it_are_fitted_in_either_order() -> None:
         assert np.allclose(fit.values, np.array(true)[order], rtol=1e-8)
         assert np.allclose(fit.values, [one.value(fit.scene) for one in fit.parameters], rtol=1e-14)
         assert np.allclose(fit.covariance, covariance[np.ix_(order, order)], rtol=1e-5)
+
+
+def test_a_fit_to_motions_of_micrometres_does_not_end_before_the_one_to_motions_of_metres() -> None:
+    """The gradient of the squares, in m^2, was compared with a number: estimates were off by 8 %, without a note."""
+    size = 2.0**-20
+    m = vf.Mass(1.0, stiffness=1.0, damping=0.24461574469981232, name="m")
+    b = vf.Mass(0.5, stiffness=0.6, damping=0.2, name="b")
+    stop = vf.RigidStop(m, gap=0.1437163567805589 * size, restitution=0.6, side="above", name="c")
+    load = vf.PointLoad(b, vf.Sine(0.74098464797768 * size, 1.1))
+    scene = vf.Scene([m, b], [vf.Spring(m, b, stiffness=1.0), stop, load])
+    times = np.linspace(0.0, 8.0, 81)
+    run = vf.simulate(scene, 8.0, times=times, method="event_driven")
+    start = scene.replace("c", gap=1.05 * stop.gap, restitution=0.63)
+    parameters = [vf.Parameter("c", "gap"), vf.Parameter("c", "restitution"), vf.Parameter("m", "damping")]
+    found = vf.fit(start, parameters, vf.Measured(m, times, run.displacement(m)), horizon="grow")
+    np.testing.assert_allclose(found.values, [stop.gap, 0.6, m.damping], rtol=1e-6)

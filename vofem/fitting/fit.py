@@ -334,7 +334,7 @@ class _Problem:
             found = least_squares(
                 misfit, whole[moving], jac=slopes,
                 bounds=(low[moving], high[moving]), x_scale=1.0 / np.where(scale > 0.0, scale, 1.0)[moving],
-                ftol=tolerance, xtol=tolerance, gtol=tolerance, max_nfev=100,
+                ftol=tolerance, xtol=tolerance, gtol=None, max_nfev=100,
             )  # fmt: skip
             whole = at(found.x)
             notes = (
