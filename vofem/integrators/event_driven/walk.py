@@ -46,6 +46,9 @@ _STALLED = 200
 #: A speed below this share of the terms that it is summed of is zero.
 _ZERO = 1e-13
 
+#: Rounding of a speed, as a share of the largest one that a stop has met.
+_EPS = float(np.finfo(float).eps)
+
 #: Share of the time of a search within which an open contact is not told from one that rests at its gap.
 _NEAR = 1e-6
 
@@ -357,6 +360,9 @@ class Walker:
                     # Others have bounced at the same time: what each impact does is between segments of its own.
                     self._record()
                 self._change(j, PINNED)
+            elif 0.0 < row @ self.velocity <= _EPS * self._largest[j]:
+                # Rounding of faster impacts is none.
+                self.velocity = struck(row, 0.0, self.velocity)
             elif row @ self.velocity > 0.0 and j not in done:
                 self._bounce(j)
                 done.add(j)
