@@ -57,16 +57,17 @@ def _factorize(matrix: Any, squares: bool) -> Any:
     """Return a function that solves with a sparse symmetric matrix; `squares` says whether it is a sum of squares."""
     from scipy.sparse.linalg import splu
 
-    def factor(**more: Any) -> Any:
-        return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}, **more)
-
+    # Under compression the energy may have no minimum. Pivots on the diagonal have the signs of its curvatures.
+    pivots = None if squares else 0.0
     try:
-        # Under compression the energy may have no minimum. Pivots on the diagonal have the signs of its curvatures.
-        if not squares and np.any(factor(diag_pivot_thresh=0.0).U.diagonal() < 0.0):
-            raise indefinite(squares)
-        return factor().solve
+        factor = splu(
+            matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivots, options={"SymmetricMode": True}
+        )
     except RuntimeError as error:
         raise SingularSystemError(f"the stiffness matrix is singular ({error}); hold the structure better") from None
+    if not squares and np.any(factor.U.diagonal() < 0.0):
+        raise indefinite(squares)
+    return factor.solve
 
 
 def solver_of(system: System) -> Solve:

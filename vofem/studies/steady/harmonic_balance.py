@@ -269,8 +269,9 @@ class HarmonicBalance(OrbitProblem):
         """Return the linear response."""
         return to_real(self.free[:, : self.harmonics + 1].T).T.ravel()
 
-    def from_transient(self) -> Array:
-        """Return the harmonics of the last periods of a run from rest."""
+    @cached_property
+    def transient(self) -> Array:
+        """The harmonics of the last periods of a run from rest."""
         period = self.loads.period
         count = self.periods * max(1, _TRANSIENT // self.periods)
         # Runs of large systems do not store every step.

@@ -405,8 +405,8 @@ class SignatureEvaluation(Evaluation):
 
         right = np.zeros_like(self.held)
         right[:n, :n] = np.eye(n)
-        # States over the size of the motion, as lengths are in rad: else rounding of the largest unit is left in all.
-        scales = np.append(np.repeat(self.sizes, n // 2), np.ones(right.shape[0] - n))
+        # In scaled coordinates: else rounding of the largest unit is left in all.
+        scales = self.chart.scales(self.problem, self)
         left = (self.held + right) * scales / scales[:, None]
         a, b = eig(left, right, right=False, homogeneous_eigvals=True)
         # The lengths of segments add as many infinite values.

@@ -250,7 +250,7 @@ def _from_response(problem: HarmonicBalance) -> Solved:
     try:
         return _raised(problem)[0]
     except ConvergenceError:
-        return _near(problem, problem.from_transient())
+        return _near(problem, problem.transient)
 
 
 def _near(problem: Any, start: Array | None, guess: Any = None) -> Solved:
@@ -311,7 +311,7 @@ def _raised(problem: Any) -> tuple[Solved, str]:
 def _settled(problem: HarmonicBalance) -> Solved | None:
     """Return the orbit on which a motion from rest has settled, which costs less than smaller loads; None if none."""
     with suppress(ConvergenceError):
-        start = problem.from_transient()
+        start = problem.transient
         found = _near(problem, start)
         if np.linalg.norm(found.unknowns - start) <= _SETTLED * np.linalg.norm(start):
             return found
