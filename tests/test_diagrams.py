@@ -8,7 +8,7 @@ from orbit_scenes import nlvib_03
 from scenes import on_stop
 
 import vofem as vf
-from vofem.io.plot import state_map
+from vofem.io.plot import basin_map, bifurcation, state_map, sweep_curves
 
 #: NLvib's example 03 between its grazing at 0.6534 and its fold at 0.7556: the linear and the impacting motion coexist.
 VALUES = [0.63, 0.67, 0.7]
@@ -163,6 +163,47 @@ def test_a_map_of_steady_states_hatches_the_unstable_cells(tmp_path):
     assert len(state_map(found).collections) == len(axes.collections) - 1
     with pytest.raises(vf.ArgumentError, match="quantity"):
         state_map(found, tmp_path / "map.svg", quantity="phase")
+
+
+def test_maps_show_values_in_any_order_and_rows_alone():
+    def cells(axes):
+        mesh = axes.collections[0]
+        return mesh.get_coordinates()[0, :, 0].tolist(), mesh.get_coordinates()[:, 0, 1].tolist(), mesh.get_array()
+
+    x, y, values = cells(
+        sweep_curves(vf.sweep(lambda a, b: {"c": a + b}, {"a": [3.0, 1.0], "b": [0.5]}, executor="serial"))
+    )
+    assert (x, y, values.tolist()) == ([0.0, 2.0, 4.0], [0.25, 0.75], [[1.5, 3.5]])
+    found = vf.stability_map(oscillator, [1.2, 0.5], [0.2, 0.0], executor="serial")
+    x, y, values = cells(state_map(found))
+    assert (x, y) == (pytest.approx([0.15, 0.85, 1.55]), pytest.approx([-0.1, 0.1, 0.3]))
+    np.testing.assert_array_equal(values, found.amplitude.T[::-1, ::-1])
+    basins = vf.basins(
+        oscillator(0.8, 0.2), {"displacement": [1.0, 0.0], "velocity": [0.0]}, skip=60, executor="serial"
+    )
+    x, y, values = cells(basin_map(basins))
+    assert (x, y, values.tolist()) == ([-0.5, 0.5, 1.5], [-0.5, 0.5], [[0, 0]])
+
+
+def test_a_diagram_does_not_call_orbits_unstable_whose_stability_is_not_decided():
+    """The law of this spring has a memory, so that harmonic balance tells no multipliers."""
+
+    def build(omega):
+        mass = vf.Mass(1.0, 1.0, 0.1, name="m")
+        return vf.Scene(
+            [mass],
+            [
+                vf.BilinearSpring(mass, stiffness=1.0, linear_limit=0.2, hardening=0.1),
+                vf.PointLoad(mass, vf.Sine(0.5, omega)),
+            ],
+        )
+
+    branch = vf.continuation(build, 0.8, 0.81, harmonics=3)
+    diagram = vf.bifurcation_diagram(build, [0.8, 0.81], points="m", executor="serial")
+    assert diagram.points == ("m",)
+    names = bifurcation(diagram, branches=[branch]).get_legend_handles_labels()[1]
+    assert "stability not decided" in names
+    assert not {"stable", "unstable"} & set(names)
 
 
 def test_a_motion_that_is_sampled_at_its_turns_repeats():

@@ -55,9 +55,12 @@ def test_a_response_curve_marks_what_is_special(branch, tmp_path, figures):
     styles = {line.get_label(): line.get_linestyle() for line in axes.lines}
     assert styles["stable"] == "-"
     assert styles["unstable"] == "--"
-    # Every orbit is on a line, and neighbours of different stability are joined.
-    points = np.concatenate([line.get_xdata() for line in axes.lines if line.get_linestyle() in ("-", "--")])
-    assert set(found.values) == set(points)
+    # Every orbit is on a line, and lines of different stability meet at the special point between them.
+    lines = [line.get_xdata() for line in axes.lines if line.get_linestyle() in ("-", "--")]
+    assert set(found.values) <= set(np.concatenate(lines))
+    ends = [float(line[0]) for line in lines[1:]]
+    assert ends == [float(line[-1]) for line in lines[:-1]]
+    assert set(ends) <= {special.value for special in found.special}
     marks = [line for line in axes.lines if line.get_label() == "grazing"]
     assert marks[0].get_xdata()[0] == pytest.approx(0.6534401404162605, rel=1e-12)
     assert axes.get_xlabel() == "omega [rad/s]"

@@ -30,7 +30,7 @@ MARKS = {
 _ON_LOCI = {**MARKS, "turn": ("o", 0, "turn"), "cusp": ("*", 0, "cusp")}
 
 #: Lines of orbits by their stability: width, style and name.
-_LINES = {True: ("-", 1.8, "stable"), False: ("--", 1.3, "unstable"), None: ("-", 0.9, "stability not decided")}
+LINES = {True: ("-", 1.8, "stable"), False: ("--", 1.3, "unstable"), None: ("-", 0.9, "stability not decided")}
 
 #: So many special points are marked at full size.
 _FEW = 8
@@ -75,10 +75,9 @@ def response_curve(
     canvas, axes = single("response_curve", path, ax, (9.0, 5.4))
     for k, (one, amplitude) in enumerate(zip(branches, heights, strict=True)):
         color = color_of(k)
-        for stable, part in _runs(one):
-            style, width, name = _LINES[stable]
-            values, line = one.values[part], amplitude[part] / scale[0]
-            axes.plot(values, line, style, color=color, linewidth=width, label=name)
+        for stable, values, line in stretches(one, amplitude, np.array([height for _, height in marked[k]])):
+            style, width, name = LINES[stable]
+            axes.plot(values, line / scale[0], style, color=color, linewidth=width, label=name)
     # Behind the curves, and smaller where there are many.
     size = 9.0 if sum(len(points) for points in marked) <= _FEW else 5.0
     for points in marked:
@@ -142,13 +141,24 @@ def locus(
     return canvas
 
 
-def _runs(branch: Branch) -> Iterator[tuple[bool | None, slice]]:
-    """Return stretches of a branch of one stability, each with the first orbit of the next one."""
-    start = 0
+def stretches(branch: Branch, heights: Array, marked: Array) -> Iterator[tuple[bool | None, Array, Array]]:
+    """Return the stretches of a branch of one stability: whether it is stable, its values, and what is drawn over them.
+
+    Neighbouring stretches meet at the special point between them; if none is known, at the first orbit of the next one.
+    `heights`, `marked`: what is drawn of orbits and of special points, shapes (n, ...) and (m, ...).
+    """
+    begin: list[tuple[float, Any]] = []
+    start, orbits = 0, list(zip(branch.values.tolist(), heights, strict=True))
+    points = [
+        (special.place, (special.value, height)) for special, height in zip(branch.special, marked, strict=True)
+        if special.kind not in ("grazing", "sticking")
+    ]  # fmt: skip
     for stable, group in groupby(branch.stable.tolist()):
-        count = len(list(group))
-        yield stable, slice(start, start + count + 1)
-        start += count
+        stop = start + len(list(group))
+        joint = [point for place, point in points if stop - 1 <= place <= stop][:1]
+        values, shown = zip(*begin, *orbits[start:stop], *(joint or orbits[stop : stop + 1]), strict=True)
+        yield stable, np.array(values), np.array(shown)
+        begin, start = joint, stop
 
 
 @figure
@@ -231,7 +241,7 @@ def phase_portrait(
     same = len(set(frequencies)) == 1
     for k, (one, (u, v)) in enumerate(zip(orbits, drawn, strict=True)):
         color = color_of(k)
-        style, width, name = _LINES[one.stable]
+        style, width, name = LINES[one.stable]
         label = f"{frequencies[k]}, {name}" if not same else f"orbit {k + 1}, {name}" if len(orbits) > 1 else name
         axes.plot(u / scale[0], v / scale[0], style, color=color, linewidth=width, label=label)
         times, closing = _events(one)

@@ -12,7 +12,7 @@ from vofem._validate import choice
 from vofem.errors import ArgumentError
 from vofem.fitting import Fit
 from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, figure, ink, legend, plain, single, stroke, text_size
-from vofem.io.pictures.steady import MARKS
+from vofem.io.pictures.steady import LINES, MARKS, stretches
 from vofem.io.scene_file import point_named
 from vofem.studies.diagrams import Basins, BifurcationDiagram, StabilityMap
 from vofem.studies.steady import Branch
@@ -67,50 +67,23 @@ def bifurcation(
             values.ravel(), samples.ravel(), "o", color=color, markersize=size, markeredgewidth=0, rasterized=True
         )
         axes.plot([], [], "o", color=color, markersize=4, label=_STARTS[start])
-    named: set[str] = set()
     for branch in branches:
-        for stable, along, positions in _pieces(branch, diagram, point):
-            style = "-" if stable else "--"
-            name = "stable orbits" if stable else "unstable orbits"
-            axes.plot(
-                along, positions, style, color=ink(), linewidth=stroke(1.1), label=None if name in named else name
-            )
-            named.add(name)
-        for special in branch.special:
-            position = _positions(special.orbit, branch.periods, diagram, point)
+        positions, marked = (
+            np.array([_positions(one, branch.periods, diagram, point) for one in every])
+            for every in (branch.orbits, [special.orbit for special in branch.special])
+        )
+        for stable, along, shown in stretches(branch, positions, marked):
+            style, width, name = LINES[stable]
+            axes.plot(along, shown, style, color=ink(), linewidth=stroke(0.6 * width), label=name)
+        for special, position in zip(branch.special, marked, strict=True):
             values = np.full(position.shape, special.value)
             mark, _, name = MARKS[special.kind]
-            once = None if name in named else name
-            axes.plot(values, position, mark, color=ink(), mfc="white", markersize=6, linestyle="none", label=once)
-            named.add(name)
+            axes.plot(values, position, mark, color=ink(), mfc="white", markersize=6, linestyle="none", label=name)
     axes.set(xlabel=plain(label), ylabel="displacement once a period [m]")
     if ylim is not None:
         axes.set_ylim(*ylim)
-    legend(axes)
+    legend(axes, most=12)
     return canvas
-
-
-def _pieces(branch: Branch, diagram: BifurcationDiagram, point: Any) -> list[tuple[bool, list[float], NDArray]]:
-    """Return the parts of a branch of one stability: values, and displacements at the beginning of each period.
-
-    Neighbouring parts meet at the special point between them.
-    """
-    pieces: list[tuple[bool, list[float], list[NDArray]]] = []
-    for k, (value, orbit) in enumerate(zip(branch.values, branch.orbits, strict=True)):
-        position = _positions(orbit, branch.periods, diagram, point)
-        stable = bool(orbit.stable)
-        if pieces and pieces[-1][0] != stable:
-            joint = next((special for special in branch.special if k - 1 <= special.place <= k), None)
-            if joint is not None:
-                between = _positions(joint.orbit, branch.periods, diagram, point)
-                pieces[-1][1].append(joint.value)
-                pieces[-1][2].append(between)
-                pieces.append((stable, [joint.value], [between]))
-        if not pieces or pieces[-1][0] != stable:
-            pieces.append((stable, [], []))
-        pieces[-1][1].append(float(value))
-        pieces[-1][2].append(position)
-    return [(stable, values, np.array(positions)) for stable, values, positions in pieces]
 
 
 def _positions(orbit: Any, periods: int, diagram: BifurcationDiagram, point: Any) -> NDArray:
@@ -148,11 +121,12 @@ def basin_map(basins: Basins, path: Where = None, *, labels: tuple[str, str] | N
     (first, rows), (second, columns) = axes_values.items()
     names = [one.name for one in basins.attractors]
     colors = [*COLORS[: min(len(names), _MOST)], "#d7dade"]
+    cells = _Cells(rows, columns)
     index = np.where(basins.index < 0, len(colors) - 1, np.minimum(basins.index, len(colors) - 1))
     canvas, axes = single("basin_map", path, ax, (7.4, 5.2))
     norm = BoundaryNorm(np.arange(len(colors) + 1) - 0.5, len(colors))
     axes.grid(False)
-    axes.pcolormesh(rows, columns, index.T, shading="nearest", cmap=ListedColormap(colors), norm=norm)
+    axes.pcolormesh(*cells.sides, cells.sorted(index).T, cmap=ListedColormap(colors), norm=norm)
     units = {"displacement": " [m]", "velocity": " [m/s]"}
     xlabel, ylabel = labels or (name + units.get(name, "") for name in (first, second))
     axes.set(xlabel=plain(xlabel), ylabel=plain(ylabel))
@@ -195,16 +169,16 @@ def state_map(
 
     choice("state_map: quantity", quantity, tuple(_LABELS))
     values = found.amplitude if quantity == "amplitude" else np.abs(found.multiplier)
+    cells = _Cells(found.x, found.y)
     canvas, axes = single("state_map", path, ax, (7.8, 5.2))
     axes.grid(False)
     # Grey shows where no orbit was found.
     axes.set_facecolor("#d7dade")
-    mesh = axes.pcolormesh(found.x, found.y, values.T, shading="nearest", cmap="viridis", rasterized=True)
+    mesh = axes.pcolormesh(*cells.sides, cells.sorted(values).T, cmap="viridis", rasterized=True)
     canvas.figure.colorbar(mesh, ax=axes, label=_LABELS[quantity])
-    cells = _cells(found.x, found.y, found.stable == 0.0)
-    handles = []
-    if cells:
-        axes.add_collection(PatchCollection(cells, facecolor="none", edgecolor=ink(), linewidth=0.0, hatch="////"))
+    unstable, handles = cells.rectangles(found.stable == 0.0), []
+    if unstable:
+        axes.add_collection(PatchCollection(unstable, facecolor="none", edgecolor=ink(), linewidth=0.0, hatch="////"))
         handles.append(Patch(facecolor="white", edgecolor=ink(), hatch="////", label="unstable"))
     if found.failed:
         handles.append(Patch(color="#d7dade", label="no such orbit found"))
@@ -214,21 +188,29 @@ def state_map(
     return canvas
 
 
-def _cells(x: NDArray[np.float64], y: NDArray[np.float64], chosen: NDArray[np.bool_]) -> list[Any]:
-    """Return the chosen cells of a map as rectangles whose sides are halfway to the neighbours."""
-    from matplotlib.patches import Rectangle
+class _Cells:
+    """Cells of a map over two parameters, about values in any order; sides are halfway between neighbours."""
 
-    left, bottom = _sides(x), _sides(y)
-    return [
-        Rectangle((left[i], bottom[j]), left[i + 1] - left[i], bottom[j + 1] - bottom[j])
-        for i, j in np.argwhere(chosen).tolist()
-    ]
+    def __init__(self, x: Any, y: Any) -> None:
+        self._order = np.ix_(*(np.argsort(values) for values in (x, y)))
+        self.sides = tuple(_sides(np.sort(np.asarray(values, dtype=float))) for values in (x, y))
+
+    def sorted(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return what values of all cells, shape (nx, ny), are where the parameters increase."""
+        return values[self._order]
+
+    def rectangles(self, chosen: NDArray[np.bool_]) -> list[Any]:
+        """Return the chosen cells."""
+        from matplotlib.patches import Rectangle
+
+        (x, y), widths, heights = self.sides, *(np.diff(sides) for sides in self.sides)
+        return [Rectangle((x[i], y[j]), widths[i], heights[j]) for i, j in np.argwhere(self.sorted(chosen)).tolist()]
 
 
 def _sides(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the sides of cells about values, shape (n + 1,)."""
+    """Return the sides of cells about increasing values, shape (n + 1,)."""
     if values.size == 1:
-        return np.array([values[0] - 0.5, values[0] + 0.5])
+        return values + 0.5 * (abs(values) or 1.0) * np.array([-1.0, 1.0])
     middle = 0.5 * (values[1:] + values[:-1])
     return np.concatenate([[2.0 * values[0] - middle[0]], middle, [2.0 * values[-1] - middle[-1]]])
 
@@ -299,10 +281,8 @@ def _map(figure: Any, axes: Any, sweep: Sweep, name: str, units: Mapping[str, st
     rows: Any
     columns: Any
     (first, rows), (second, columns) = (sweep.points.axes or {}).items()
-    values = np.ma.masked_invalid(np.asarray(sweep[name], dtype=float))
-    x, y = np.argsort(rows), np.argsort(columns)
-    rows, columns, values = np.asarray(rows)[x], np.asarray(columns)[y], values[x][:, y]
-    image = axes.pcolormesh(rows, columns, values.T, shading="nearest", cmap="viridis")
+    cells = _Cells(rows, columns)
+    image = axes.pcolormesh(*cells.sides, cells.sorted(np.asarray(sweep[name], dtype=float)).T, cmap="viridis")
     axes.grid(False)
     axes.set(xlabel=_named(first, units), ylabel=_named(second, units))
     # Cells reach half a distance beyond the outermost points, where nothing was computed.

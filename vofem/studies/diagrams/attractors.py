@@ -98,7 +98,7 @@ def basins(
     tolerance : float
         Difference up to which two samples count as equal, relative to the largest sample of the point in all runs;
         velocities are compared with displacements too, as in a harmonic motion.
-    points : point or sequence of points, optional
+    points : point or name of a mass, or sequence of them, optional
         Points whose motion distinguishes attractors. The default is the point of the first contact.
     period : float, optional
         Time between two samples in s. The default is the common period of the loads.

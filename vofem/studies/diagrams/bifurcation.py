@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import choice, listed, name_of, series, unknown, whole
 from vofem.arrays import Array
+from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
 from vofem.initial import StoredState
 from vofem.scene import Scene, as_scene
@@ -50,7 +51,7 @@ class Stroboscope:
         return tuple(point.name for point in self._of(scene))
 
     def _of(self, scene: Scene) -> tuple[Any, ...]:
-        return self.points or (first_point(scene),)
+        return tuple(as_point("points", point, scene.bodies) for point in self.points) or (first_point(scene),)
 
 
 def stroboscope(what: str, points: Any, period: float | None, periods: int, skip: int, method: str) -> Stroboscope:
@@ -194,7 +195,7 @@ def bifurcation_diagram(
     follow : bool
         Whether the values are also run in rising and in falling order, each run starting where the one before it ended.
         Where several motions coexist, the three diagrams differ.
-    points : point or sequence of points, optional
+    points : point or name of a mass, or sequence of them, optional
         Points that are sampled; their bodies are found by name. The default is the point of the first contact.
     period : float, optional
         Time between two samples in s. The default is the common period of the loads.

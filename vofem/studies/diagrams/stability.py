@@ -76,7 +76,7 @@ def stability_map(
         Values of the parameters.
     periods : int
         Number of periods of the loads that an orbit takes.
-    point : point, optional
+    point : point or name of a mass, optional
         Point whose amplitude is computed; its body is found by name. The default is that of the first contact.
     method : str
         See `vofem.periodic`.
