@@ -12,7 +12,7 @@ from vofem.studies.steady.family import Family
 from vofem.studies.steady.point import Point, corrected, level, point_at
 
 #: Error of an evaluation that the orbits reach with which special points are located.
-EXACT = 1e-14
+_EXACT = 1e-14
 
 #: Points of a step by their share of it.
 Known = Mapping[float, Point]
@@ -87,7 +87,6 @@ def point_between(
     known: Known = _NONE,
     *,
     tangent: bool = True,
-    tolerance: float = EXACT,
 ) -> Point:
     """Return the point at a share of the way between two neighbours; `known` ones between them make the guess better.
 
@@ -117,7 +116,7 @@ def point_between(
     every = {0.0: first, 1.0: last, **known}
     nearest = every[min(every, key=lambda one: abs(one - share))]
     y, evaluation = corrected(
-        family, first.chart, guess * scales, scales, plane, by_value, tolerance=tolerance, near=nearest.evaluation
+        family, first.chart, guess * scales, scales, plane, by_value, tolerance=_EXACT, near=nearest.evaluation
     )  # fmt: skip
     if tangent:
         return point_at(family, first.chart, y, normal, evaluation, scales=scales)

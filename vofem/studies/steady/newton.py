@@ -14,6 +14,9 @@ from vofem.errors import ConvergenceError
 #: Steps of Newton's method, halvings of one step, and the share by which the residual falls at least in a whole one.
 _STEPS, _HALVINGS, _FALLS = 40, 7, 0.1
 
+#: Factor by which a step of a walk that fails becomes shorter.
+_SHRINK = 0.3
+
 #: Error of an evaluation at which equations count as solved.
 TOLERANCE = 1e-13
 
@@ -163,7 +166,7 @@ def lowered(
 
 def raised(
     solve: Callable[[float, Array, Array], Array], track: list[tuple[float, Array]], goal: float, step: float,
-    *, least: float, largest: float = np.inf, shrink: float = 0.3, grow: float = 2.0,
+    *, least: float, largest: float = np.inf, grow: float = 2.0,
 ) -> list[tuple[float, Array]]:  # fmt: skip
     """Return solutions along a number that is raised to a goal in steps, which become shorter where one fails.
 
@@ -181,7 +184,7 @@ def raised(
             track = [*track, (ahead, solve(ahead, guess, now))]
             step = min(grow * step, largest)
         except ConvergenceError:
-            step *= shrink
+            step *= _SHRINK
     return track
 
 
