@@ -1,5 +1,7 @@
 """Follows a motion from segment to segment by the loop, and takes the decisions that the loop leaves open.
 
+`walk.Walker` adds those of rigid stops and sliders.
+
 A compiled loop computes many segments in a call. The numbers do not depend on where it returns, so that a run that is
 continued from a snapshot gives the same bits.
 """
@@ -7,13 +9,15 @@ continued from a snapshot gives the same bits.
 from __future__ import annotations
 
 from contextlib import nullcontext
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.integrators.event_driven.loop import (
+    BOUNCES,
+    COLUMNS,
     DECISION,
     EDGES,
     EVALUATIONS,
@@ -43,9 +47,6 @@ from vofem.kernels.addresses import address_of, place_of
 from vofem.kernels.jit import CompiledFunction
 from vofem.kernels.mode import kernels
 from vofem.system import PINNED
-
-if TYPE_CHECKING:
-    from vofem.integrators.event_driven.walk import Walker
 
 Status = NDArray[np.int64]
 
@@ -82,24 +83,31 @@ class Follower:
         contacts, n = solution.space.contacts.shape
         drift = solution.drift()
         self._run = np.full(NUMBERS, -1)
+        self._run[BOUNCES] = 0
         self._run[MODES_OF_RUN:SEARCH] = n, contacts, loads.size, loads.kind.size, drift.shape[2], 0, 0
         self._time, self._state, self._gaps = np.zeros(1), np.zeros((2, n)), np.zeros(contacts)
+        # The largest speed of approach of each rigid stop.
+        self._largest = np.zeros(contacts)
         laws = solution.system.cache.get("laws of the loop", pin_fraction, self._laws_of_system)
         rows = solution.space.contacts
         row_sizes = rows if solution.system.contacts is None else solution.row_sizes
-        given = [loads.edges, loads.states, loads.kind, loads.omega, loads.bend, drift, rows, row_sizes, laws]
+        frequencies = np.sqrt(np.abs(solution.space.stiffness))
+        given = [
+            loads.edges, loads.states, loads.kind, loads.omega, loads.bend, drift, rows, row_sizes, laws, frequencies
+        ]  # fmt: skip
         # Arrays of the loop in the order of their places, up to those of the record.
-        self._arrays = [*map(np.ascontiguousarray, given), self._time, self._state, self._gaps]
+        self._arrays = [*map(np.ascontiguousarray, given), self._largest, self._time, self._state, self._gaps]
 
     def _laws_of_system(self) -> Array:
         """Return the array of the laws, see `loop.GAP`."""
         solution = self.solution
         laws, squares = solution.system.contacts, np.sum(np.array(solution.space.contacts) ** 2, axis=1)
         if laws is None:
-            return np.zeros((0, 4))
+            return np.zeros((0, COLUMNS))
         # As in `pinned.may_pin`.
         scale = np.where(laws.jump, 1.01 * squares * self._pin_fraction * laws.gap, 0.0)
-        return np.stack([laws.gap, squares, scale * laws.stiffness * laws.gap, scale * laws.damping], axis=1)
+        pinning = scale * laws.stiffness * laws.gap, scale * laws.damping
+        return np.stack([laws.gap, squares, *pinning, np.where(laws.rigid, laws.restitution, -1.0)], axis=1)
 
     def advance(self) -> None:
         """Compute one segment or more. In compiled code a call takes about 0.1 s at most."""
@@ -127,9 +135,9 @@ class Follower:
         solution, run = self.solution, self._run
         record, counters, group = solution.record, solution.counters, regime.blocks.group
         self._enter()
-        run[SEGMENTS], run[EVENTS], run[EVALUATIONS] = record.segments, record.events, 0
+        run[SEGMENTS], run[EVENTS], run[EVALUATIONS], run[BOUNCES] = record.segments, record.events, 0, 0
         first, first_event = record.segments, record.events
-        record.make_room(1, 1)
+        record.make_room(2, 2)
         while True:
             self._place(statuses.table)
             reason = run_segments(
@@ -140,9 +148,9 @@ class Follower:
             record.segments, record.events = int(run[SEGMENTS]), int(run[EVENTS])
             if reason != FULL:
                 break
-            more = max(min(record.segments, MOST), 1)
+            more = max(min(record.segments, MOST), 2)
             record.make_room(more, more)
-        counters.steps += record.segments - first
+        counters.steps += record.segments - first - int(run[BOUNCES])
         counters.events += record.events - first_event
         counters.gap_evaluations += int(run[EVALUATIONS]) * self._gaps.size
         if record.segments > first:
@@ -189,16 +197,20 @@ class Follower:
         hits = np.flatnonzero(functions[HIT * count : (HIT + 1) * count])
         entered = dict(zip(regime.exits.owner[hits].tolist(), regime.exits.leads[hits].tolist(), strict=True))
         run[LEFT] = -1
-        self.status = solution.enter(
+        self._pass_event(entered)
+
+    def _pass_event(self, entered: dict[int, int]) -> None:
+        """Change the status at an event, given the contacts that reach a limit and where this leads."""
+        self.status = self.solution.enter(
             self.time, self.status, entered, self.displacement, self.velocity, self._pin_fraction
-        )  # fmt: skip
+        )
 
 
 def follower_of(
     solution: EventSolution, time: float, status: Status, displacement: Array, velocity: Array, pin_fraction: float,
     most_events: int,
-) -> Follower | Walker:  # fmt: skip
-    """Return what follows a motion: the compiled loop, or Python where there are rigid stops or sliders."""
+) -> Follower:  # fmt: skip
+    """Return what follows a motion: one that knows rigid stops and sliders where there are any."""
     arguments = solution, time, status, displacement, velocity, pin_fraction, most_events
     if solution.bounces is None and solution.given.sliders is None:
         return Follower(*arguments)

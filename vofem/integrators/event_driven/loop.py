@@ -1,8 +1,9 @@
 """The loop over segments and events.
 
-It begins the motion of a segment, searches for the next event, moves to it and changes the contact status. It returns
-if it needs a status that the table does not hold, or room for more segments, and where an event takes a decision: when
-several contacts switch at once, or one may be pinned.
+It begins the motion of a segment, searches for the next event, moves to it and changes the contact status, or lets a
+body bounce off a rigid stop. It returns if it needs a status that the table does not hold, or room for more segments,
+and where an event takes a decision: when several contacts switch at once, one may be pinned, or an impact does more
+than turn the speed at its stop.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
+from vofem.integrators.event_driven.bounces import REST
 from vofem.integrators.event_driven.search import (
     BEGINNING,
     BLOCKS,
@@ -42,6 +44,7 @@ from vofem.integrators.event_driven.table import (
 from vofem.kernels.addresses import call, floats, integers, shaped
 from vofem.kernels.jit import jit
 from vofem.linalg.vectors import copy, inner, multiply, multiply_transposed
+from vofem.system import CLOSED, OPEN
 
 Integers = NDArray[np.int64]
 
@@ -51,26 +54,32 @@ DONE, PAUSED, NEW_STATUS, FULL, DECISION, STORM = range(6)
 
 #: The numbers of a run begin with what the loop changes: number of the contact status in the record or -1, interval of
 #: the loads, the contact that has just switched or -1, numbers of segments and of events in the record, how often event
-#: functions were evaluated, and the status and the event function of the last event.
-STATUS, INTERVAL, SWITCHED, SEGMENTS, EVENTS, EVALUATIONS, LEFT, FUNCTION = range(8)
+#: functions were evaluated, the status and the event function of the last event, and the number of bounces.
+STATUS, INTERVAL, SWITCHED, SEGMENTS, EVENTS, EVALUATIONS, LEFT, FUNCTION, BOUNCES = range(9)
 
 #: Then follow sizes: modes n, contacts c, loads e, intervals i of the loads, loads that enter the coordinates of
 #: contacts (e or 0), rows of the record for segments and for events; and the address of `march`.
-MODES_OF_RUN, CONTACTS, LOADS, INTERVALS, DRIFTING, SEGMENT_ROOM, EVENT_ROOM, SEARCH = range(8, 16)
+MODES_OF_RUN, CONTACTS, LOADS, INTERVALS, DRIFTING, SEGMENT_ROOM, EVENT_ROOM, SEARCH = range(9, 17)
 
 #: Then places of arrays: of the loads, see `Exosystem` and `EventSolution.drift`; of the contacts their rows (c, n),
-#: bounds on the terms that these are summed of, and `LAWS`; the time that has been reached (1,), the modal state (2, n)
-#: and the gap functions (c,); the arrays of the record, see `Buffers`; and work space.
-EDGES, STATES, KINDS, OMEGA, BEND, DRIFT, CONTACT_ROWS, CONTACT_SIZES, LAWS, TIME, STATE, GAPS = range(16, 28)
-STARTS, DURATIONS, STATUSES, DISPLACEMENTS, VELOCITIES, SEGMENT_GAPS, LOGGED = range(28, 35)
-EVENT_TIME, EVENT_CONTACT, EVENT_STATUS, WORK_X, WORK_F, WORK_MODAL, WORK_BOTH, NUMBERS = range(35, 43)
+#: bounds on the terms that these are summed of, and `LAWS`; the frequencies of the modes (n,); the largest speed of
+#: approach of each rigid stop (c,); the time that has been reached (1,), the modal state (2, n) and the gap functions
+#: (c,); the arrays of the record, see `Buffers`; and work space.
+EDGES, STATES, KINDS, OMEGA, BEND, DRIFT, CONTACT_ROWS, CONTACT_SIZES, LAWS, FREQUENCIES = range(17, 27)
+LARGEST, TIME, STATE, GAPS = range(27, 31)
+STARTS, DURATIONS, STATUSES, DISPLACEMENTS, VELOCITIES, SEGMENT_GAPS, LOGGED = range(31, 38)
+EVENT_TIME, EVENT_CONTACT, EVENT_STATUS, WORK_X, WORK_F, WORK_MODAL, WORK_BOTH, NUMBERS = range(38, 46)
 
-#: Columns of the array of the laws, (c, 4): the gap in m, the squared norm of the row, and two numbers: a contact may
-#: be pinned where its speed squared is below ``pinning + pinning_rate speed``.
-GAP, SQUARE_OF_ROW, PINNING, PINNING_RATE = range(4)
+#: Columns of the array of the laws, (c, 5): the gap in m, the squared norm of the row, two numbers (a contact may be
+#: pinned where its speed squared is below ``pinning + pinning_rate speed``), and the restitution of a rigid stop, which
+#: is -1 for other contacts.
+GAP, SQUARE_OF_ROW, PINNING, PINNING_RATE, RESTITUTION, COLUMNS = range(6)
 
 #: Work of the searches of a call, in the unit of `SEARCH_WORK`, after which the loop returns.
 _CALL_WORK = 500_000
+
+#: Share of the terms that a speed is summed of, below which it is zero.
+ZERO_SPEED = 1e-13
 
 #: Size of the terms of a contact's coordinate, divided by its own size, above which it counts as a difference of large
 #: numbers.
@@ -100,6 +109,15 @@ def at_gap(row: Array, law: Array, moved: float, displacement: Array) -> None:
         share = off / law[SQUARE_OF_ROW]
         for k in range(displacement.size):
             displacement[k] -= row[k] * share
+
+
+@jit
+def zero_speed(row: Array, displacement: Array, velocity: Array, frequencies: Array) -> float:
+    """Return the speed at a contact that is rounding: displacements that are rounded move as they would vibrate."""
+    size = 0.0
+    for k in range(row.size):
+        size += abs(row[k]) * (abs(velocity[k]) + frequencies[k] * abs(displacement[k]))
+    return ZERO_SPEED * size
 
 
 @jit
@@ -180,7 +198,8 @@ def run_segments(
     drift = shaped(floats(run[DRIFT]), (slots.shape[1], contacts, run[DRIFTING]))
     rows = shaped(floats(run[CONTACT_ROWS]), (contacts, n))
     row_sizes = shaped(floats(run[CONTACT_SIZES]), (contacts, n))
-    laws, gaps = shaped(floats(run[LAWS]), (contacts, 4)), shaped(floats(run[GAPS]), (contacts,))
+    laws, gaps = shaped(floats(run[LAWS]), (contacts, COLUMNS)), shaped(floats(run[GAPS]), (contacts,))
+    frequencies, largest = shaped(floats(run[FREQUENCIES]), (n,)), shaped(floats(run[LARGEST]), (contacts,))
     time, state = shaped(floats(run[TIME]), (1,)), shaped(floats(run[STATE]), (2, n))
     modal, room, event_room = shaped(floats(run[WORK_MODAL]), (4, n)), run[SEGMENT_ROOM], run[EVENT_ROOM]
     starts, durations = shaped(floats(run[STARTS]), (room,)), shaped(floats(run[DURATIONS]), (room,))
@@ -202,7 +221,7 @@ def run_segments(
         kind = kinds[interval]
         if not 0 <= number < slots.shape[0] or slots[number, kind] < 0:
             return NEW_STATUS
-        if row >= room or run[EVENTS] >= event_room:
+        if row + 1 >= room or run[EVENTS] + 1 >= event_room:
             return FULL
         slot = table[slots[number, kind]]
         count, m, own = slot[FUNCTIONS], slot[BLOCKS], slot[OWN]
@@ -282,11 +301,56 @@ def run_segments(
         run[EVALUATIONS] += int(shaped(floats(slot[WORK]), (1,))[0])
         run[SWITCHED] = -1
         if hit == -1:
+            for j in range(count):
+                if sign[j] != 0.0 and laws[owner[j], RESTITUTION] >= 0.0 and gaps[owner[j]] == 0.0:
+                    # Loads may begin to press on what touches its stop.
+                    run[STATUS] = -1
+                    return DECISION
             continue
         run[LEFT], run[FUNCTION], run[STATUS] = number, hit, -1
         if hit == -2:
             return DECISION
         contact = owner[hit]
+        restitution = laws[contact, RESTITUTION]
+        if restitution >= 0.0:
+            for j in range(count):
+                if sign[j] == 0.0:
+                    # What rests somewhere may move in an impact.
+                    return DECISION
+            gaps[contact], offset = 0.0, 0.0
+            if drift.shape[2]:
+                _load_state(time[0] - edges[interval], states[interval], omega[kind], bend, begin)
+                for i in range(drift.shape[2]):
+                    offset += drift[kind, contact, i] * begin[0, i]
+            copy(state[0], displacement)
+            at_gap(rows[contact], laws[contact], offset, displacement)
+            speed = inner(rows[contact], state[1])
+            least = REST * max(largest[contact], speed)
+            if speed <= max(least, zero_speed(rows[contact], displacement, state[1], frequencies)):
+                return DECISION
+            for k in range(n):
+                velocity[k] = state[1, k] - rows[contact, k] * (
+                    (1.0 + restitution) * speed / laws[contact, SQUARE_OF_ROW]
+                )
+            if restitution * speed <= zero_speed(rows[contact], displacement, velocity, frequencies):
+                return DECISION
+            largest[contact] = max(largest[contact], speed)
+            # The state before the impact is a segment of no duration.
+            row, e = run[SEGMENTS], run[EVENTS]
+            starts[row], durations[row], statuses[row], logged[row] = time[0], 0.0, number, e
+            copy(gaps, all_gaps[row])
+            copy(displacement, displacements[row])
+            copy(state[1], velocities[row])
+            copy(displacement, state[0])
+            copy(velocity, state[1])
+            for i in range(2):
+                event_time[e + i], event_contact[e + i] = time[0], contact
+                event_status[e + i] = CLOSED if i == 0 else OPEN
+            run[SEGMENTS], run[EVENTS], run[STATUS], run[LEFT] = row + 1, e + 2, number, -1
+            run[BOUNCES] += 1
+            if e + 2 > events:
+                return STORM
+            continue
         if sign[hit] != 0.0:
             speed = abs(inner(rows[contact], state[1]))
             if speed * speed < laws[contact, PINNING] + laws[contact, PINNING_RATE] * speed:

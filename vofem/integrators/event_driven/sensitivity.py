@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +20,12 @@ from vofem.kernels.mode import compiled
 from vofem.linalg.exponential import oscillator_change
 from vofem.linalg.oscillators import DELTA, SQUARE
 from vofem.linalg.vectors import inner
-from vofem.system import CLOSED, PINNED
+from vofem.system import CLOSED, OPEN, PINNED
 
 Status = NDArray[np.int64]
+
+#: Segments whose impacts are computed together.
+_BLOCK = 4096
 
 #: Largest number of statuses for which the growth is computed in compiled code.
 _MOST_STATUSES = 1000
@@ -45,13 +49,13 @@ def growth_along(solution: Any) -> Array:
     An event that is met without speed, as at a grazing, is left out.
     """
     record, space = solution.record, solution.space
-    table = _free_table(solution) if solution.bounces is None else None
+    table, bounces_in = _free_table(solution), lru_cache(1)(lambda block: _bounces_in(solution, block))
     growth, index, frequency = np.zeros(record.segments + 1), 0, _frequency(space)
     z, v = (part[:, None] for part in first_change(space))
     while index < record.segments:
         if table is not None:
             z, v = np.ascontiguousarray(z[:, 0]), np.ascontiguousarray(v[:, 0])
-            done = _follow(table, solution, index, z, v, growth)
+            done = _follow(table, solution, bounces_in(index // _BLOCK), index, z, v, growth)
             z, v = z[:, None], v[:, None]
             if done > index:
                 index = done
@@ -83,7 +87,52 @@ def _free_table(solution: Any) -> Statuses | None:
     return held if len(held.table) else None
 
 
-def _follow(table: Statuses, solution: Any, index: int, z: Array, v: Array, growth: Array) -> int:
+class _Bounced(NamedTuple):
+    """The impacts at the ends of some segments that turn the speed at one rigid stop and do nothing else."""
+
+    first: int  #: Number of the first of the segments.
+    stop: Status  #: The stop, -1 where there is no impact, and -2 where one does more, shape (k,).
+    turned: Array  #: One plus the restitution, over the squared norm of the modal row, shape (k,).
+    kick: Array  #: By which velocities change for each m of the gap function, 1/s, shape (k, n).
+
+
+def _bounces_in(solution: Any, block: int) -> _Bounced:
+    """Return the bounces in a block of segments; see `tangent.passage`."""
+    record, space, laws = solution.record, solution.space, solution.system.contacts
+    part = slice(block * _BLOCK, min((block + 1) * _BLOCK, record.segments))
+    count = part.stop - part.start
+    found = _Bounced(part.start, np.full(count, -1), np.zeros(count), np.zeros((count, space.size)))
+    if laws is None or not laws.rigid.any():
+        return found
+    contact, status = (array[: record.events] for array in record.buffers[-2:])
+    logged = np.append(record.logged, record.events)[part.start : part.stop + 1]
+    mine = np.flatnonzero(laws.rigid[contact[logged[0] : logged[-1]]]) + logged[0]
+    found.stop[np.searchsorted(logged, mine, side="right") - 1] = -2
+    twice = np.flatnonzero((found.stop == -2) & (np.diff(logged) == 2))
+    one = logged[twice]
+    single = (contact[one] == contact[one + 1]) & (status[one] == CLOSED) & (status[one + 1] == OPEN)
+    k, stop = twice[single], contact[one[single]]
+    rows, index = space.contacts[stop], part.start + k
+    z, before = record.buffers.displacement[index].T, record.buffers.velocity[index].T
+    rates, turned = np.einsum("mn,nm->m", rows, before), (1.0 + laws.restitution[stop]) / np.sum(rows**2, axis=1)
+    later = before - rows.T * (turned * rates)
+    load = np.zeros((space.size, k.size))
+    for vector, function in zip(solution.load_vectors, solution.load_functions, strict=True):
+        load += np.multiply.outer(vector, function(record.starts[index]))
+    statuses, coordinates = np.array(record.statuses)[record.status_numbers[index]].T, space.contacts @ z
+    first, last = (
+        load - space.stiffness[:, None] * z - space.damping_force(v)
+        - space.contacts.T @ laws.force(coordinates - laws.gap[:, None], space.contacts @ v, statuses)
+        for v in (before, later)
+    )  # fmt: skip
+    found.stop[k], found.turned[k] = stop, turned
+    met = rates > 0.0
+    change = last - first + rows.T * (turned * np.einsum("mn,nm->m", rows, first))
+    found.kick[k[met]] = (change[:, met] / rates[met]).T
+    return found
+
+
+def _follow(table: Statuses, solution: Any, bounces: _Bounced, index: int, z: Array, v: Array, growth: Array) -> int:
     """Follow segments from one on in compiled code, until a status has no slot; return the first one not treated."""
     record, laws, none = solution.record, solution.system.contacts, np.zeros(0)
     force, damping = none, none
@@ -93,7 +142,7 @@ def _follow(table: Statuses, solution: Any, index: int, z: Array, v: Array, grow
         _travel(
             table.table, table.slots[:, 0].copy(), np.array(record.statuses), record.status_numbers, record.durations,
             record.buffers.velocity, np.array(solution.space.contacts), force, damping, _frequency(solution.space),
-            index, z, v, growth,
+            *bounces, index, z, v, growth,
         )
     )  # fmt: skip
 
@@ -109,15 +158,16 @@ def _drift(delta: Array, p: Array, z: Array, v: Array, t: float) -> None:
 @jit
 def _travel(
     table: Status, slots: Status, statuses: Status, numbers: Status, durations: Array, velocity: Array, rows: Array,
-    force: Array, damping: Array, frequency: Array, index: int, z: Array, v: Array, growth: Array,
+    force: Array, damping: Array, frequency: Array, begin: int, stop: Status, turned: Array, kick: Array, index: int,
+    z: Array, v: Array, growth: Array,
 ) -> int:  # fmt: skip
     """Do what `growth_along` does, for many segments without pinned contacts; return the first one not treated."""
     n, segments = z.size, numbers.size
     both, change = np.empty((3, 2 * n)), np.empty(n)
-    while index < segments:
-        s = slots[numbers[index]]
+    while index < begin + stop.size:
+        s, struck = slots[numbers[index]], stop[index - begin]
         after = numbers[index + 1] if index + 1 < segments else numbers[index]
-        if s < 0 or slots[after] < 0:
+        if s < 0 or slots[after] < 0 or struck == -2:
             return index
         before, after_status = statuses[numbers[index]], statuses[after]
         slot = table[s]
@@ -140,6 +190,13 @@ def _travel(
                     change[k] += factor * rows[j, k]
             for k in range(n):
                 v[k] += change[k]
+            growth[index + 1] += _scaled(frequency, z, v)
+        elif struck >= 0:
+            row, factor = rows[struck], turned[index - begin]
+            met, rate = inner(row, z), inner(row, v)
+            for k in range(n):
+                z[k] -= factor * met * row[k]
+                v[k] += kick[index - begin, k] * met - factor * rate * row[k]
             growth[index + 1] += _scaled(frequency, z, v)
         index += 1
     return index

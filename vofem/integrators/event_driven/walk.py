@@ -1,7 +1,7 @@
-"""Follows a motion segment by segment where events do more than switch a spring: impacts on rigid stops.
+"""Follows a motion where events do more than switch a spring or turn a speed: rests at rigid stops, and sliders.
 
-The compiled loop of `loop.py` follows scenes of elastic contacts alone. Here every event is treated in Python; motion
-and search are the same.
+Impacts of which none does more are those of the compiled loop of `loop.py`, until one takes a decision. Motions with
+sliders are followed segment by segment in Python; motion and search are the same.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError, EventStormError
 from vofem.integrators.event_driven.bounces import REST, struck
+from vofem.integrators.event_driven.follow import Follower
+from vofem.integrators.event_driven.loop import LEFT, SWITCHED, ZERO_SPEED
 from vofem.integrators.event_driven.regime import Regime
 from vofem.integrators.event_driven.search import (
     BEGINNING,
@@ -43,9 +45,6 @@ _MOST_AT_ONCE = 10_000
 #: Events of sliders at one moment, above which they would not end.
 _STALLED = 200
 
-#: A speed below this share of the terms that it is summed of is zero.
-_ZERO = 1e-13
-
 #: Rounding of a speed, as a share of the largest one that a stop has met.
 _EPS = float(np.finfo(float).eps)
 
@@ -59,20 +58,17 @@ _MOST_DERIVATIVES = 4
 _MOST_PIECES = 16
 
 
-class Walker:
-    """A motion that is followed from segment to segment; see `follow.Follower`, whose interface it has."""
+class Walker(Follower):
+    """A motion with rigid stops or sliders that is followed from segment to segment."""
 
     def __init__(
         self, solution: EventSolution, time: float, status: Status, displacement: Array, velocity: Array,
         pin_fraction: float, most_events: int,
     ) -> None:  # fmt: skip
-        self.solution = solution
-        self.time, self.status, self.displacement, self.velocity = time, status.copy(), displacement, velocity
+        super().__init__(solution, time, status.copy(), displacement, velocity, pin_fraction, most_events)
         laws = solution.system.contacts
         assert laws is not None
-        self._laws, self._rows, self._pin_fraction = laws, solution.space.contacts, pin_fraction
-        # The largest speed of approach of each rigid stop.
-        self._largest = np.zeros(len(laws))
+        self._laws, self._rows = laws, solution.space.contacts
         self._sliders = len(laws) if not isinstance(solution, SlidingSolution) else solution.contact_count
         # Whether the present state is that after a bounce.
         self._bounced = False
@@ -84,12 +80,12 @@ class Walker:
         self._pieces: dict[int, tuple[Regime, Status, Array, list[NDArray]]] = {}
         if solution.record.segments:
             assert solution.gaps_now is not None
-            self._gaps = solution.gaps_now.copy()
+            self._gaps[:] = solution.gaps_now
             self._triggered = self._changed(solution.record.last_status)
             if solution.bounces is not None:
                 np.maximum.at(self._largest, solution.bounces.contact, solution.bounces.approach)
         else:
-            self._gaps = solution.gaps_at(self.status, displacement, time)
+            self._gaps[:] = solution.gaps_at(self.status, displacement, time)
             self._gaps[self._sliders :] = 0.0
             touching = self._laws.rigid & (self._gaps == 0.0)
             self._strike(touching)
@@ -102,8 +98,29 @@ class Walker:
         return {int(j) for j in np.flatnonzero(before != self.status) if j >= self._sliders}
 
     def advance(self) -> None:
+        """Compute one segment or more, and what the event at the end does."""
+        if isinstance(self.solution, SlidingSolution) or np.any(self._slow() & (self._gaps == 0.0)):
+            self._advance()
+        else:
+            super().advance()
+
+    def _slow(self) -> NDArray[np.bool_]:
+        """Return which contacts have no speed but for rounding, shape (n_contacts,)."""
+        sizes = np.abs(self._rows) @ np.abs(self.velocity)
+        return np.asarray(np.abs(self._rows @ self.velocity) <= ZERO_SPEED * sizes)
+
+    def _take_over(self, functions: Array | None) -> None:
+        self._bounced = False
+        super()._take_over(functions)
+        self.solution.gaps_now = self._gaps.copy()
+
+    def _advance(self) -> None:
         """Compute one segment, and what the event at its end does."""
-        solution, record = self.solution, self.solution.record
+        solution, record, switched = self.solution, self.solution.record, self._run[SWITCHED]
+        if switched >= 0:
+            self.displacement = solution.at_gaps(np.array([switched]), self.displacement, self.time)
+        # The loop has not met what comes.
+        self._run[SWITCHED] = self._run[LEFT] = -1
         loads = solution.exosystem
         interval = int(loads.interval(np.array([self.time]))[0])
         regime = solution.regime(self.status, int(loads.kind[interval]))
@@ -121,23 +138,14 @@ class Walker:
         record.buffers.durations[index] = tau
         self.time = float(loads.edges[interval + 1]) if tau >= duration else self.time + tau
         self.displacement, self.velocity = self.displacement + displacement, self.velocity + velocity
-        self._gaps = self._gaps + regime.coordinates @ moved.ravel()
+        self._gaps += regime.coordinates @ moved.ravel()
         self._hold_sliders()
-        solution.gaps_now = self._gaps
         solution.counters.steps += 1
         self._triggered = set()
-        if not hits.size and tau >= duration:
-            # Loads may jump here, or begin to press on what touches its stop at rest.
-            touching = self._laws.rigid & (self.status == OPEN) & (self._gaps == 0.0)
-            if touching.any():
-                self._strike(touching)
-            if isinstance(solution, SlidingSolution):
-                self._decide({})
-                self._triggered = self._changed(record.last_status)
-        if hits.size:
+        if hits.size or tau >= duration:
             exits = regime.exits
             self._pass_event(dict(zip(exits.owner[hits].tolist(), exits.leads[hits].tolist(), strict=True)))
-            solution.gaps_now = self._gaps
+        solution.gaps_now = self._gaps.copy()
         self._stalled = self._stalled + 1 if tau == 0.0 else 0
         if self._stalled > _STALLED and isinstance(solution, SlidingSolution):
             raise ConvergenceError(
@@ -168,8 +176,7 @@ class Walker:
         if regime.spectrum.blocks is not None:
             sizes = self.solution.row_sizes @ np.abs(self.displacement)
             level += np.where(contact, sizes[exits.owner], 0.0)
-        slow = np.abs(self._rows @ self.velocity) <= _ZERO * (np.abs(self._rows) @ np.abs(self.velocity))
-        leaving = contact & (start == 0.0) & slow[exits.owner]
+        leaving = contact & (start == 0.0) & self._slow()[exits.owner]
         if leaving.any():
             # What leaves its stop without speed, as forces slowly change their signs, is not followed from nothing.
             level += np.where(leaving, self._forces()[exits.owner] * (_NEAR * duration) ** 2, 0.0)
@@ -220,7 +227,7 @@ class Walker:
         # What has come to rest at a stop has lost its speed in an impact, which sliders do not resist.
         held = self._rows[: self._sliders][before[: self._sliders] == PINNED]
         velocity = self.velocity - np.linalg.pinv(held) @ (held @ self.velocity) if len(held) else self.velocity
-        self.status, self._gaps = self.solution.decide(
+        self.status, self._gaps[:] = self.solution.decide(
             self.time, before, self.displacement, velocity, self._gaps, triggered
         )
         self.solution.counters.events += int(np.sum(before[self._sliders :] != self.status[self._sliders :]))
@@ -234,7 +241,13 @@ class Walker:
         return np.asarray(np.abs(self._rows) @ push)
 
     def _pass_event(self, entered: dict[int, int]) -> None:
-        """Change status and velocity at an event, given the contacts that reach a limit and where this leads."""
+        """Change status and velocity at an event, given the contacts that reach a limit and where this leads.
+
+        With none, loads may jump, or begin to press on what touches its stop at rest.
+        """
+        touching = self._laws.rigid & (self.status == OPEN) & (self._gaps == 0.0)
+        if not entered and touching.any():
+            self._strike(touching)
         triggered = {j: new for j, new in entered.items() if j >= self._sliders}
         entered = {j: new for j, new in entered.items() if j < self._sliders}
         if entered:
@@ -260,7 +273,6 @@ class Walker:
                 self._log(j, OPEN)
             touching[j] = rigid[j] and before[j] != PINNED
         changed = np.array(sorted(entered))
-        self._gaps = self._gaps.copy()
         self._gaps[changed] = 0.0
         free = changed[after[changed] != PINNED]
         if free.size:
@@ -284,8 +296,8 @@ class Walker:
         rounded = np.sqrt(np.abs(self.solution.space.stiffness)) * np.abs(self.displacement)
         for _ in range(_MOST_AT_ONCE):
             at_rest = laws.rigid & (self.status == PINNED)
-            speed, zero = rows @ self.velocity, _ZERO * (np.abs(rows) @ (np.abs(self.velocity) + rounded))
-            self._largest = np.where(touching | at_rest, np.maximum(self._largest, speed), self._largest)
+            speed, zero = rows @ self.velocity, ZERO_SPEED * (np.abs(rows) @ (np.abs(self.velocity) + rounded))
+            np.maximum(self._largest, speed, out=self._largest, where=touching | at_rest)
             limit = np.maximum(REST * self._largest, zero)
             for j in np.flatnonzero(at_rest & (speed < -limit)).tolist():
                 self._change(j, OPEN)
@@ -353,9 +365,9 @@ class Walker:
             force = acceleration(space, None, self.status, self.displacement, velocity, load)
             pushed, size = self._pushed(int(j), velocity), np.abs(row) @ np.abs(force)
             pulled = self._pulls(settled, zero)
-            if abs(pushed) <= _ZERO * size:
+            if abs(pushed) <= ZERO_SPEED * size:
                 pushed, size = self._begins(row, velocity, force), 0.0
-            if pushed > _ZERO * size and not (pulled and j not in done):
+            if pushed > ZERO_SPEED * size and not (pulled and j not in done):
                 if self._bounced:
                     # Others have bounced at the same time: what each impact does is between segments of its own.
                     self._record()
@@ -389,7 +401,7 @@ class Walker:
             stiff, damped = space.stiffness * before, space.damping_force(after)
             before, after = after, load - stiff - damped
             push = float(row @ after)
-            if abs(push) > _ZERO * max(float(np.abs(row) @ (own + np.abs(stiff) + np.abs(damped))), float(least)):
+            if abs(push) > ZERO_SPEED * max(float(np.abs(row) @ (own + np.abs(stiff) + np.abs(damped))), float(least)):
                 return push
         return 0.0
 
