@@ -491,3 +491,25 @@ def test_derivatives_by_large_numbers_of_loads_are_not_zero() -> None:
         found.append(mass * vf.sensitivities(run, vf.Parameter("load", "f.amplitude")).displacement(body)[:, 0])
     np.testing.assert_allclose(found[1], found[0], rtol=1e-10)
     assert np.all(found[0] != 0.0)
+
+
+@pytest.mark.parametrize(("kg", "s"), [(2.0**-40, 1.0), (1.0, 2.0**-40), (2.0**-20, 2.0**30)])
+def test_derivatives_of_free_bodies_do_not_depend_on_the_units(kg: float, s: float) -> None:
+    """Rigid motions have no eigenbasis; their exponentials lost up to all digits, or all memory to a long time."""
+
+    def found(kg: float, s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        a, b = vf.Mass(kg, name="a"), vf.Mass(2.0 * kg, name="b")
+        shock = vf.PointLoad(a, kg / s**2 * vf.Sine(1.0, 2.0 / s) + vf.Ramp(0.3 * kg / s**3, 0.5 * s, 3.0 * s))
+        stop = vf.Contact(a, b, gap=1.0, stiffness=10.0 * kg / s**2, acts_on="penetration", name="stop")
+        scene = vf.Scene([a, b], [vf.Dashpot(a, b, damping=kg / s, name="d"), shock, stop], {a: (0.0, 1.0 / s)})
+        run = vf.simulate(scene, 4.0 * s, times=s * np.linspace(0.0, 4.0, 5), method="event_driven")
+        parameters = [Parameter(a, "mass"), Parameter("d", "damping"), Parameter(stop, "stiffness")]
+        units, each = np.array([kg, kg / s, kg / s**2]), sensitivities(run, parameters)
+        assert run.contacts["stop"].closings.size
+        impulse = vf.gradient(run, vf.objectives.impulse(stop), parameters)
+        return (
+            each.displacement(a) * units, each.energy.dissipated * units * s**2 / kg, impulse * units * s / kg
+        )  # fmt: skip
+
+    for mine, one in zip(found(kg, s), found(1.0, 1.0), strict=True):
+        np.testing.assert_allclose(mine, one, rtol=0.0, atol=1e-12 * np.max(np.abs(one)))

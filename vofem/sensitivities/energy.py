@@ -133,7 +133,7 @@ def gauss(low: float, high: float, piece: Closed | Block, matrix: Array) -> tupl
 def _counted(piece: Closed | Block, matrix: Array) -> tuple[Complex, float]:
     """Return the roots in 1/s of the modes that count in a segment, and the largest frequency of the loads in rad/s."""
     if isinstance(piece, Block):
-        return np.linalg.eigvals(matrix).astype(complex), float(np.max(piece.segment.force.omega, initial=1.0))
+        return np.linalg.eigvals(matrix).astype(complex), float(np.max(piece.segment.force.omega, initial=0.0))
     size = np.abs(piece.a)
     counted = size > _COUNTS * max(float(np.max(size)), float(np.max(np.abs(piece.y0), initial=0.0)))
     return piece.basis.values[counted], float(np.max(np.abs(piece.sigma), initial=0.0))

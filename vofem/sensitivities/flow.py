@@ -262,6 +262,14 @@ class Closed:
         return np.asarray(out.real)
 
 
+def _largest(forcing: Forcing | None, duration: float) -> float:
+    """Return the largest number of a force within a segment."""
+    if forcing is None:
+        return 0.0
+    level, growth = (float(np.max(np.abs(part), initial=0.0)) for part in (forcing.level, forcing.growth))
+    return max(level, growth * duration)
+
+
 class Block:
     """A segment by exponentials of block matrices, for statuses without a good eigenbasis.
 
@@ -274,43 +282,50 @@ class Block:
     def __init__(self, matrix: Array, changes: list[Array | None], segment: Segment) -> None:
         self.matrix, self.changes, self.segment = matrix, changes, segment
 
-    def _system(self, k: int | None) -> tuple[Array, Array]:
-        """Return the generator of (u_p, u, waves) for one parameter, or for none, and the values at the start."""
-        matrix, segment = self.matrix, self.segment
+    def _system(self, k: int | None) -> tuple[Array, Array, float]:
+        """Return the generator of (u_p, u, waves) for one parameter, or for none, the values at the start, and a size.
+
+        The waves are measured by the force, times by the duration, and u_p by the size that is returned. All numbers of
+        the generator are then rates of the motion, in any units; exponentials of larger ones would lose digits of it.
+        """
+        matrix, segment, t = self.matrix, self.segment, self.segment.duration or 1.0
         big = matrix.shape[0]
         n = big // 2
         force, other = segment.force, None if k is None else segment.forces[k]
+        change = None if k is None else self.changes[k]
         omegas = force.omega if other is None else np.union1d(force.omega, other.omega)
+        wave = t * _largest(force, t) or 1.0
+        moved = t * max(0.0 if change is None else float(np.max(np.abs(change))), _largest(other, t) / wave) or 1.0
         size = 2 * big + 4 * omegas.size
         generator, start = np.zeros((size, size)), np.zeros(size)
         generator[:big, :big] = generator[big : 2 * big, big : 2 * big] = matrix
         start[big : 2 * big] = segment.start
         if k is not None:
-            start[:big] = segment.starts[:, k]
-            if (change := self.changes[k]) is not None:
-                generator[:big, big : 2 * big] = change
+            start[:big] = segment.starts[:, k] / moved
+            if change is not None:
+                generator[:big, big : 2 * big] = change / moved
         for place, w in enumerate(omegas.tolist()):
             at = 2 * big + 4 * place
             # cos, sin, and both times tau.
             generator[at, at + 1], generator[at + 1, at] = -w, w
             generator[at + 2, at + 3], generator[at + 3, at + 2] = -w, w
-            generator[at + 2, at] = generator[at + 3, at + 1] = 1.0
-            start[at] = 1.0
-            for rows, forcing in ((slice(n, big), other), (slice(big + n, 2 * big), force)):
+            generator[at + 2, at] = generator[at + 3, at + 1] = 1.0 / t
+            start[at] = wave
+            for rows, forcing, unit in ((slice(n, big), other, wave * moved), (slice(big + n, 2 * big), force, wave)):
                 if forcing is None:
                     continue
                 for h in np.flatnonzero(forcing.omega == w):
-                    generator[rows, at] += forcing.level[h].real
-                    generator[rows, at + 1] -= forcing.level[h].imag
-                    generator[rows, at + 2] += forcing.growth[h].real
-                    generator[rows, at + 3] -= forcing.growth[h].imag
-        return generator, start
+                    generator[rows, at] += forcing.level[h].real / unit
+                    generator[rows, at + 1] -= forcing.level[h].imag / unit
+                    generator[rows, at + 2] += forcing.growth[h].real * (t / unit)
+                    generator[rows, at + 3] -= forcing.growth[h].imag * (t / unit)
+        return generator, start, moved
 
     def _run(self, k: int | None, times: Array) -> Array:
         """Return (u_p, u) at ascending times, shape (2N, n_times)."""
         from scipy.linalg import expm
 
-        generator, state = self._system(k)
+        generator, state, moved = self._system(k)
         big, before = 2 * self.matrix.shape[0], 0.0
         out = np.empty((big, times.size))
         for place, t in enumerate(times.tolist()):
@@ -318,6 +333,7 @@ class Block:
                 state = expm(generator * (t - before)) @ state
                 before = t
             out[:, place] = state[:big]
+        out[: big // 2] *= moved
         return out
 
     def states(self, times: Array) -> Array:
@@ -346,14 +362,15 @@ class Block:
         """Return the integrals over the segment of u (N,) and of its derivatives (N, p)."""
         from scipy.linalg import expm
 
-        big = self.matrix.shape[0]
+        big, duration = self.matrix.shape[0], self.segment.duration
         both = np.empty((2 * big, len(self.changes)))
         for k in range(len(self.changes)):
-            generator, start = self._system(k)
-            size = start.size
-            wide = np.zeros((size + 1, size + 1))
-            wide[:size, :size], wide[:size, size] = generator, start
-            both[:, k] = expm(wide * self.segment.duration)[: 2 * big, size]
+            generator, start, moved = self._system(k)
+            count, size = start.size, float(np.max(np.abs(start))) or 1.0
+            wide = np.zeros((count + 1, count + 1))
+            wide[:count, :count], wide[:count, count] = generator * duration, start / size
+            both[:, k] = expm(wide)[: 2 * big, count] * (size * duration)
+            both[:big, k] *= moved
         return both[big:, 0], both[:big]
 
     def transitions(self) -> tuple[Array, dict[int, Array]]:
