@@ -45,6 +45,14 @@ def test_few_breakpoints_leave_the_choice_as_it_was():
     assert cheaper(scene.model.system, T_END) == []
 
 
+@pytest.mark.parametrize("s", [1.0, 2.0**30])
+def test_the_choice_for_what_nothing_holds_does_not_depend_on_the_unit_of_time(s):
+    times = np.linspace(0.0, T_END, 400_001)
+    mass = vf.Mass(1.0)
+    scene = vf.Scene([mass], [vf.PointLoad(mass, vf.Tabulated(s * times, np.sin(3.0 * times)))])
+    assert choose(scene.model.system, s * T_END, 1e-3).method == "energy_conserving"
+
+
 def test_the_run_that_is_chosen_keeps_the_tolerance(monkeypatch):
     # The function `vofem.simulate` hides the package of the same name from dotted paths.
     monkeypatch.setattr(sys.modules[choose.__module__], "_SOON", 0.03)

@@ -1,5 +1,7 @@
 """Foundations, base motion, nonlinear springs; published cases that need them."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -165,6 +167,14 @@ def test_nonlinear_springs_are_refused_where_they_do_not_fit():
         vf.NonlinearSpring(mass, potential=lambda u: u**2, force=lambda u: -2 * u)
     with pytest.raises(vf.ArgumentError, match="expected a callable"):
         vf.NonlinearSpring(mass, potential=1.0, force=lambda u: u)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-3, 1e-6, 1e-9])
+def test_laws_of_any_length_are_taken(size):
+    """Force and potential are compared at lengths of which these laws have many periods, or are not defined."""
+    mass = vf.Mass(1.0)
+    vf.NonlinearSpring(mass, potential=lambda u: -size * math.cos(u / size), force=lambda u: math.sin(u / size))
+    vf.NonlinearSpring(mass, potential=lambda u: -size * math.log(size - u), force=lambda u: size / (size - u))
 
 
 def test_a_stiffening_spring_that_blows_up_is_an_error():

@@ -14,8 +14,9 @@ from vofem.errors import ArgumentError
 from vofem.laws import Law, Smooth
 from vofem.parameters import Function, declared, label_of, rule
 
-#: Elongations in m at which force and potential are compared.
-_SAMPLES = (-1.0, -0.1, -1e-2, -1e-3, 1e-3, 1e-2, 0.1, 1.0)
+#: Elongations in m at which force and potential are compared, and the width of a difference over them, which is no
+#: multiple of the period of a law.
+_SAMPLES, _WIDTH = (-1.0, -0.1, -1e-2, -1e-3, 1e-3, 1e-2, 0.1, 1.0), 1e-4 * np.sqrt(2.0)
 
 
 @declared()
@@ -52,14 +53,17 @@ class NonlinearSpring(TwoPoints):
         self.law = Law(f"NonlinearSpring {self.name!r}", self.name, law, rising=False)
         with np.errstate(all="ignore"):
             for u in _SAMPLES:
-                step = 1e-4 * abs(u)
-                right, middle, left = (law.energy(u + i * step) for i in (1, 0, -1))
-                force = law.reaction(u)
-                if not np.all(np.isfinite([right, middle, left, force])):
+                step = _WIDTH * abs(u)
+                try:
+                    left, right = law.energy(u - step), law.energy(u + step)
+                    before, force, behind = (law.reaction(u + i * step) for i in (-1, 0, 1))
+                except (ArithmeticError, ValueError):
+                    continue  # The law is not defined there.
+                if not np.all(np.isfinite([left, right, before, force, behind])):
                     continue
                 slope = (right - left) / (2.0 * step)
-                # The error of the quotient itself, from the curvature and from rounding.
-                slack = abs(right - 2.0 * middle + left) / step + 1e-12 * (abs(right) + abs(left)) / step
+                # The error of the quotient itself, from changes of the force and from rounding.
+                slack = abs(before - force) + abs(behind - force) + 1e-12 * (abs(right) + abs(left)) / step
                 if abs(slope - force) > 1e-3 * (abs(slope) + abs(force)) + slack:
                     raise ArgumentError(
                         f"{label}: force({u:g}) is {force:g} {self.units.force}, but the potential grows by {slope:g} "

@@ -49,4 +49,4 @@ def _frequency(system: System) -> float:
     except RuntimeError:  # loose
         shape = total
     energy, inertia = float(shape @ (stiffness @ shape)), float(shape @ (system.mass @ shape))
-    return float(np.sqrt(energy / inertia)) if 0.0 < energy < np.inf and inertia > 0.0 else 1.0
+    return float(np.sqrt(energy / inertia)) if 0.0 < energy < np.inf and inertia > 0.0 else 0.0
