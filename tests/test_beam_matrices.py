@@ -225,3 +225,13 @@ def test_beam_on_end_springs_against_dense_algebra():
         target += factor * np.outer(b, b)
     omega = np.sqrt(eigh(K[1:, 1:], M[1:, 1:], eigvals_only=True))
     assert vf.modes(vf.Scene([beam], effects), 9).omega == pytest.approx(omega, rel=1e-9)
+
+
+@pytest.mark.parametrize("length", [2.0**-40, 2.0**40])
+def test_modes_of_a_cantilever_do_not_depend_on_the_unit_of_length(length: float) -> None:
+    """Its support holds a rotation of 1 rad, and one whose number is that of 1/length."""
+    found = []
+    for m in (1.0, length):
+        beam = vf.Beam(m, EI=2.0 * m**3, rhoA=1.0 / m, elements=4, supports={"left": "clamped"})
+        found.append(vf.modes(vf.Scene([beam])).frequencies)
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-12)

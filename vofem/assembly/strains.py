@@ -67,7 +67,11 @@ def rigid_motions(
     for body, start in offsets.items():
         motions = body.rigid_motions()
         held = supported[(supported >= start) & (supported < start + body.size)] - start
-        motions = motions @ null_space(motions[held], np.ones_like(motions[held]))
+        rotation = body.degrees_of_freedom.rotation
+        largest = np.abs(motions).max(axis=1, initial=0.0)
+        # Rotations are compared with rotations, whose numbers depend on the unit of length.
+        terms = np.where(rotation, largest.max(where=rotation, initial=0.0), largest.max(where=~rotation, initial=0.0))
+        motions = motions @ null_space(motions[held], np.broadcast_to(terms[held, None], motions[held].shape))
         blocks.extend((start, motions[:, [k]]) for k in range(motions.shape[1]))
     from scipy.sparse import csr_matrix, vstack
 
