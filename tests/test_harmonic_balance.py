@@ -644,3 +644,20 @@ def test_a_branch_turns_at_a_corner():
     assert corner == pytest.approx(0.4396395612, rel=1e-9)
     near = np.abs(branch.values - corner) < 1e-5
     assert near.sum() >= 2
+
+
+def test_a_spring_that_saturates_has_the_same_multipliers_in_all_units_of_length() -> None:
+    """Where the force is constant, differences of it must not reach to where it is not."""
+
+    def multipliers(length: float) -> np.ndarray:
+        mass = vf.Mass(1.0, stiffness=1.0, damping=0.05)
+        spring = vf.NonlinearSpring(
+            mass,
+            potential=lambda u: length**2 * np.log(np.cosh(u / length)),
+            force=lambda u: length * np.tanh(u / length),
+        )
+        scene = vf.Scene([mass], [spring, vf.PointLoad(mass, vf.Sine(8.0 * length, 0.7))])
+        return np.sort_complex(vf.periodic(scene, method="harmonic_balance", harmonics=15).multipliers)
+
+    with np.errstate(over="ignore"):
+        np.testing.assert_allclose(multipliers(2.0**-30), multipliers(1.0), rtol=1e-9)

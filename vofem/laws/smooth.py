@@ -15,14 +15,14 @@ import numpy as np
 from vofem.laws.group import ListedLaws
 from vofem.laws.law import FORCE, KINK, MEAN, STORED, TANGENT, Law
 
-_GAUSS = np.sqrt(0.6)
+_GAUSS, _EPS = np.sqrt(0.6), float(np.finfo(float).eps)
 
 #: Length of a path divided by the coordinate, above which the difference of potentials is accurate enough for the work.
 _LONG = 1e-3
 
 #: Width of a difference of forces over the coordinate, least and largest one in m, and differences over forces that are
-#: lost in rounding.
-_WIDTH, _LEAST, _MOST, _LOST = 1e-5, 1e-18, 1e-6, 1e-6
+#: lost in rounding, and that are nothing but rounding.
+_WIDTH, _LEAST, _MOST, _LOST, _ROUNDING = 1e-5, 1e-150, 1e150, 1e-7, 1e-13
 
 
 @dataclass(frozen=True)
@@ -46,18 +46,22 @@ class Smooth:
         """Return dR/du in N/m.
 
         The width of a difference follows from u, so that no unit of length is preferred. Where the difference is lost
-        in the forces, as near u = 0 in a law with an offset, the width grows.
+        in the forces, as near u = 0 in a law with an offset, the width grows, but not to where the law bends.
         """
         if self.slope is not None:
             return _finite(self.slope, u)
-        width = max(_WIDTH * abs(u), _LEAST)
+        width, slope, straight = max(_WIDTH * abs(u), _LEAST), float("nan"), float("inf")
         while True:
             above, below = self.reaction(u + width), self.reaction(u - width)
-            # Forces that are not numbers are not lost in rounding: a law that has failed ends the search.
-            lost = abs(above) + abs(below) > 0.0 and abs(above - below) <= _LOST * (abs(above) + abs(below))
-            if width >= _MOST or not lost:
-                return (above - below) / (2.0 * width)
-            width *= 10.0
+            change, size = abs(above - below), abs(above) + abs(below)
+            if not change <= straight:
+                return slope
+            slope = (above - below) / (2.0 * width)
+            if change > _LOST * size or size == 0.0 or width > _MOST:
+                return slope
+            wider = 1e4 if change <= _ROUNDING * size else 10.0
+            straight = 10.0 * wider * (change + _EPS * size)
+            width *= wider
 
     def mean(self, u0: float, u1: float) -> float:
         """Return the mean force over a path: from the potential over long paths, by quadrature over short ones."""
