@@ -466,3 +466,17 @@ def test_a_fit_to_motions_of_micrometres_does_not_end_before_the_one_to_motions_
     parameters = [vf.Parameter("c", "gap"), vf.Parameter("c", "restitution"), vf.Parameter("m", "damping")]
     found = vf.fit(start, parameters, vf.Measured(m, times, run.displacement(m)), horizon="grow")
     np.testing.assert_allclose(found.values, [stop.gap, 0.6, m.damping], rtol=1e-6)
+
+
+@pytest.mark.parametrize("length", [2.0**-30, 2.0**20])
+def test_the_stiffness_of_a_beam_is_found_in_any_unit_of_length(length: float) -> None:
+    """The optimiser steps by shares of the unknowns: the bending stiffness of a nanotube is 1e-27 N m^2."""
+
+    def beam(stiffness: float) -> vf.Beam:
+        return vf.Beam(
+            length, EI=stiffness * length**3, rhoA=1.0 / length, elements=3, supports={"left": "clamped"}, name="beam"
+        )
+
+    frequencies = vf.modes(vf.Scene([beam(2.0)])).frequencies[:3]
+    found = vf.fit(vf.Scene([beam(1.5)]), [vf.Parameter("beam", "EI")], vf.MeasuredFrequencies(frequencies, 0.01))
+    assert found.values[0] / length**3 == pytest.approx(2.0, rel=1e-9)

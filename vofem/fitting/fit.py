@@ -308,20 +308,24 @@ class _Problem:
         columns = weights[:, None] * self.shifts(until)
         whole[len(self.parameters) :] -= np.linalg.lstsq(columns, weights * self.trial(whole, until)[1])[0]
 
+        # The optimiser sees numbers without units: unknowns over their size, and residuals over those of the start.
+        first = float(np.linalg.norm(weights * self.trial(whole, until)[1]))
+        first = first if 0.0 < first < np.inf else 1.0
+
         def at(y: Array) -> Array:
             z = whole.copy()
-            z[moving] = y
+            z[moving] = np.clip(y * size, low[moving], high[moving])
             return z
 
         def misfit(y: Array) -> Array:
             # The optimiser answers infinite residuals by a shorter step.
             try:
-                return np.asarray(weights * self.trial(at(y), until)[1])
+                return np.asarray(weights * self.trial(at(y), until)[1]) / first
             except ConvergenceError:
                 return np.full(weights.size, np.inf)
 
         def slopes(y: Array) -> Array:
-            return self.jacobian(at(y), until)[:, moving]
+            return self.jacobian(at(y), until)[:, moving] * (size / first)
 
         # A parameter on which the window does not depend keeps its value: with it, steps would have no length.
         moving = np.zeros(x.size, dtype=bool)
@@ -331,10 +335,11 @@ class _Problem:
             if np.array_equal(moving, moving | (scale > 0.0)):
                 break
             moving |= scale > 0.0
+            scale = first / np.where(scale > 0.0, scale, first)[moving]
+            size = np.where(whole[moving] != 0.0, np.abs(whole[moving]), scale)
             found = least_squares(
-                misfit, whole[moving], jac=slopes,
-                bounds=(low[moving], high[moving]), x_scale=1.0 / np.where(scale > 0.0, scale, 1.0)[moving],
-                ftol=tolerance, xtol=tolerance, gtol=None, max_nfev=100,
+                misfit, whole[moving] / size, jac=slopes, bounds=(low[moving] / size, high[moving] / size),
+                x_scale=scale / size, ftol=tolerance, xtol=tolerance, gtol=None, max_nfev=100,
             )  # fmt: skip
             whole = at(found.x)
             notes = (
