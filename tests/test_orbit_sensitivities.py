@@ -287,3 +287,20 @@ def test_what_has_no_derivative_is_refused_by_name() -> None:
         sensitivities(vf.SpecialPoint("fold", 0.123, orbit), [Parameter("m", "damping")])
     with pytest.raises(vf.ArgumentError, match="does not persist"):
         sensitivities(vf.SpecialPoint("branch_point", orbit.omega, orbit), [Parameter("m", "damping")])
+
+
+def test_a_motion_that_nothing_holds_leaves_the_derivatives_that_exist() -> None:
+    """A driven mass with drag may drift anywhere: its amplitude F/(w |i w m + c|) does not know where it is."""
+    mass, drag, force, omega = 1.5, 0.4, 0.3, 1.1
+    free = vf.Mass(mass, damping=drag, name="free")
+    beside = vf.Mass(2.0, name="beside")  # with no force at all
+    load = vf.PointLoad(free, vf.Sine(force, omega, 0.5 * np.pi), name="load")
+    orbit = vf.periodic(vf.Scene([free, beside], [load]))
+    parameters = [vf.Parameter(free, "damping"), vf.Parameter(free, "mass"), vf.Parameter("load", "f.amplitude")]
+    found = vf.sensitivities(orbit, parameters).amplitude(free)
+    size = (omega * mass) ** 2 + drag**2
+    amplitude = force / (omega * np.sqrt(size))
+    right = [-amplitude * drag / size, -amplitude * omega**2 * mass / size, amplitude / force]
+    np.testing.assert_allclose(found, right, rtol=1e-10)
+    with pytest.raises(vf.ArgumentError, match=r"free\.stiffness: a motion that nothing holds"):
+        vf.sensitivities(orbit, vf.Parameter(free, "stiffness"))

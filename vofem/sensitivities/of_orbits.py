@@ -26,6 +26,8 @@ from vofem.time_functions import Sine, as_time_function
 #: Relative distance of multipliers that count as one, and have no derivatives of their own.
 _SAME = 1e-7
 
+#: Residual of periodicity over its derivative by a parameter, from which on orbits that are many end with it.
+_ENDS = 1e-6
 
 #: Distance of an extreme from an event, over the period, up to which it is at the event, and of a time just after it.
 _AT_EVENT, _AFTER = 1e-9, 1e-14
@@ -73,7 +75,26 @@ class OrbitSensitivities(MotionSensitivities):
         # Of the residual of periodicity by parameters, the period moving along, and by the start.
         self._by_parameters = self._forward.final[:, :p] + np.outer(self._last_rate(), self.period)
         self.monodromy = self._forward.final[:, p:]
-        self._start = np.linalg.solve(np.eye(2 * n) - self.monodromy, self._by_parameters)
+        self._start = self._of_start(np.eye(2 * n) - self.monodromy)
+
+    def _of_start(self, change: Array) -> Array:
+        """Return the derivatives of the start, shape (2n, p), from the change of the state over a period, (2n, 2n).
+
+        Where a motion is free, such as that of a mass which nothing holds, orbits differ by it and are one of a family.
+        The derivative is then that of the orbit which stays where it is in the family.
+        """
+        start, _, rank, _ = np.linalg.lstsq(change, self._by_parameters)
+        if rank == change.shape[0]:
+            return np.asarray(np.linalg.solve(change, self._by_parameters), dtype=float)
+        off = np.linalg.norm(change @ start - self._by_parameters, axis=0)
+        size = np.linalg.norm(self._by_parameters, axis=0)
+        bad = np.flatnonzero(off > _ENDS * size)
+        if bad.size:
+            raise ArgumentError(
+                f"Parameter {self.parameters[int(bad[0])].name}: a motion that nothing holds makes this orbit one of "
+                "many, which end with the parameter, so that the orbit has no derivative; hold the motion by a spring"
+            )
+        return np.asarray(start, dtype=float)
 
     def _columns(self) -> list[ModalChange]:
         modal, same = self._modal, unchanged(self._scene)
