@@ -480,3 +480,34 @@ def test_the_stiffness_of_a_beam_is_found_in_any_unit_of_length(length: float) -
     frequencies = vf.modes(vf.Scene([beam(2.0)])).frequencies[:3]
     found = vf.fit(vf.Scene([beam(1.5)]), [vf.Parameter("beam", "EI")], vf.MeasuredFrequencies(frequencies, 0.01))
     assert found.values[0] / length**3 == pytest.approx(2.0, rel=1e-9)
+def test_a_step_of_one_number_is_not_small_because_another_one_is_large_in_its_unit() -> None:
+    """SciPy compares the length of a step, here of N/m and N s/m together, with that of all unknowns: 74 % off."""
+    times = np.linspace(0.01, 3.0, 300)
+
+    def scene_of(damping: float) -> vf.Scene:
+        a, b = vf.Mass(1e9, stiffness=1e12, name="a"), vf.Mass(1.0, stiffness=50.0, damping=damping, name="b")
+        return vf.Scene([a, b], [vf.PointLoad(a, vf.Sine(1e9, 7.0)), vf.PointLoad(b, vf.Sine(1.0, 7.0))])
+
+    run, start = vf.simulate(scene_of(0.1), 3.0, times=times, method="event_driven"), scene_of(0.3)
+    parameters = [vf.Parameter("a", "stiffness"), vf.Parameter("b", "damping")]
+    fit = vf.fit(start, parameters, [vf.Measured(one, times, run.displacement(one)) for one in start.bodies])
+    np.testing.assert_allclose(fit.values, [1e12, 0.1], rtol=1e-9)
+
+
+def test_a_gap_under_the_displacement_law_is_not_negative() -> None:
+    mass = vf.Mass(1.0, name="m")
+    stop = vf.Contact(mass, gap=1e-3, stiffness=10.0, side="above", acts_on="displacement", name="s")
+    scene = vf.Scene([mass], [stop], initial={mass: (-0.01, 1.0)})
+    fit = vf.fit(scene, vf.Parameter(stop, "gap"), vf.MeasuredEvents(stop, closings=[0.005, 4.0]))
+    assert fit.values[0] == pytest.approx(0.0, abs=2e-9)
+    assert any(note.startswith("bound: s.gap") for note in fit.notes)
+
+
+def test_a_fit_ends_where_a_trial_depends_on_no_parameter() -> None:
+    """Steps of no slope had no length: the trial had a gap that is no number."""
+    mass = vf.Mass(1.0, stiffness=1.0, name="m")
+    stop = vf.Contact(mass, gap=0.9, stiffness=10.0, side="above", acts_on="penetration", name="s")
+    scene, times = vf.Scene([mass], [stop], initial={mass: (0.0, 1.0)}), np.linspace(0.1, 3.0, 30)
+    fit = vf.fit(scene, vf.Parameter(stop, "gap"), vf.Measured(mass, times, 1.1 * np.sin(times), 1e-3))
+    assert fit.values[0] > 1.0
+    assert fit.not_identifiable == ["s.gap"]

@@ -132,9 +132,14 @@ class Contact(Stop):
                 "nor space; remove it. Where the bases of both bodies move differently, it sees both displacements"
             )
 
+    @property
+    def least_gap(self) -> float:
+        """The least gap that the force law takes, m or rad."""
+        return 0.0 if self.acts_on == "displacement" else -np.inf
+
     @rule("gap", "acts_on")
     def _preload(self) -> None:
-        if self.acts_on == "displacement" and self.gap < 0:
+        if self.gap < self.least_gap:
             raise wrong(
                 f"{label_of(self)}: gap", f"{self.gap:g} {self.units.coordinate}", "a number that is not negative "
                 "with acts_on='displacement'", "; a preloaded contact needs acts_on='penetration'",

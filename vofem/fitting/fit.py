@@ -22,8 +22,11 @@ from vofem.sensitivities import Parameter
 from vofem.sensitivities.change import PLACES, path_of
 from vofem.sensitivities.parameter import parameters_of
 
-#: Relative changes of the sum of squares and of the unknowns, and size of the gradient, at which a fit ends.
+#: Relative changes of the sum of squares and of the unknowns at which a fit ends.
 _TOLERANCE = 1e-12
+
+#: Gradient, relative to that of a misfit as large as at the start, below which there is no direction to go.
+_LEVEL = 1e-15
 
 #: Shares of the data's duration over which windows grow.
 _WINDOWS = (0.125, 0.25, 0.5, 1.0)
@@ -308,24 +311,20 @@ class _Problem:
         columns = weights[:, None] * self.shifts(until)
         whole[len(self.parameters) :] -= np.linalg.lstsq(columns, weights * self.trial(whole, until)[1])[0]
 
-        # The optimiser sees numbers without units: unknowns over their size, and residuals over those of the start.
-        first = float(np.linalg.norm(weights * self.trial(whole, until)[1]))
-        first = first if 0.0 < first < np.inf else 1.0
-
         def at(y: Array) -> Array:
             z = whole.copy()
-            z[moving] = np.clip(y * size, low[moving], high[moving])
-            return z
+            z[moving] = y / unit
+            return np.clip(z, low, high)
 
         def misfit(y: Array) -> Array:
             # The optimiser answers infinite residuals by a shorter step.
             try:
-                return np.asarray(weights * self.trial(at(y), until)[1]) / first
+                return np.asarray(weights * self.trial(at(y), until)[1]) / size
             except ConvergenceError:
                 return np.full(weights.size, np.inf)
 
         def slopes(y: Array) -> Array:
-            return self.jacobian(at(y), until)[:, moving] * (size / first)
+            return self.jacobian(at(y), until)[:, moving] / (size * unit)
 
         # A parameter on which the window does not depend keeps its value: with it, steps would have no length.
         moving = np.zeros(x.size, dtype=bool)
@@ -335,11 +334,12 @@ class _Problem:
             if np.array_equal(moving, moving | (scale > 0.0)):
                 break
             moving |= scale > 0.0
-            scale = first / np.where(scale > 0.0, scale, first)[moving]
-            size = np.where(whole[moving] != 0.0, np.abs(whole[moving]), scale)
+            # The optimiser sees no units: residuals are shares of the first misfit, and so are changes of the unknowns.
+            size = np.linalg.norm(weights * self.trial(whole, until)[1]) or 1.0
+            unit = np.where(scale > 0.0, scale, 1.0)[moving] / size
             found = least_squares(
-                misfit, whole[moving] / size, jac=slopes, bounds=(low[moving] / size, high[moving] / size),
-                x_scale=scale / size, ftol=tolerance, xtol=tolerance, gtol=None, max_nfev=100,
+                misfit, unit * whole[moving], jac=slopes, bounds=(unit * low[moving], unit * high[moving]),
+                ftol=tolerance, xtol=tolerance, gtol=_LEVEL, max_nfev=100,
             )  # fmt: skip
             whole = at(found.x)
             notes = (

@@ -137,6 +137,7 @@ class Parameter:
             kind = Parameter(thing, self.field).kind(scene)
             kind = kind.forms()[0] if isinstance(kind, Either) else kind
             least, most = kind.ends if isinstance(kind, Real) else (-np.inf, np.inf)
+            least = getattr(thing, f"least_{self.field}", least)
             if self.field in PLACES:
                 least, most = getattr(thing, point_of(thing, self.field)).body.shape.x[[0, -1]].tolist()
             numbers = self._numbers(scene, thing)
