@@ -511,3 +511,16 @@ def test_a_fit_ends_where_a_trial_depends_on_no_parameter() -> None:
     fit = vf.fit(scene, vf.Parameter(stop, "gap"), vf.Measured(mass, times, 1.1 * np.sin(times), 1e-3))
     assert fit.values[0] > 1.0
     assert fit.not_identifiable == ["s.gap"]
+
+
+def test_two_unnamed_loads_at_a_point_are_told_apart() -> None:
+    mass, times = vf.Mass(1.0, stiffness=50.0, damping=0.4, name="m"), np.linspace(0.1, 5.0, 50)
+    loads = vf.PointLoad(mass, vf.Sine(1.0, 3.0)), vf.PointLoad(mass, vf.Sine(0.0, 3.0))
+    scene, parameters = vf.Scene([mass], loads), [vf.Parameter(load, "f.amplitude") for load in loads]
+    run = vf.simulate(scene, 5.0, times=times, method="event_driven")
+    names = ["PointLoad(m).f.amplitude (1)", "PointLoad(m).f.amplitude (2)"]
+    found = vf.sensitivities(run, parameters)
+    assert found.names == names
+    assert found.to_dataframe(mass).shape == (50, 3)
+    fit = vf.fit(scene, parameters, vf.Measured(mass, times, run.displacement(mass)))
+    assert fit.not_identifiable == names

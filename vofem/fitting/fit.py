@@ -20,7 +20,7 @@ from vofem.parameters.place import found
 from vofem.scene import Scene, as_scene
 from vofem.sensitivities import Parameter
 from vofem.sensitivities.change import PLACES, path_of
-from vofem.sensitivities.parameter import parameters_of
+from vofem.sensitivities.parameter import names_of, parameters_of
 
 #: Relative changes of the sum of squares and of the unknowns at which a fit ends.
 _TOLERANCE = 1e-12
@@ -84,7 +84,7 @@ class Fit(Saved):
     chi2 : float
         Sum of the squared residuals, each divided by the noise where this is given.
     not_identifiable : list of str
-        Names of parameters on which the data do not depend, alone or in a combination.
+        Names of parameters on which the data do not depend, alone or in a combination; numbered where several have one.
     scene : Scene
         The scene with the estimates, ready to run.
     starts : tuple of FitStart
@@ -121,25 +121,25 @@ class Fit(Saved):
         return np.sqrt(np.diag(self.covariance))
 
     def __repr__(self) -> str:
-        parts = [f"{p.name} = {v:.6g}" for p, v in zip(self.parameters, self.values, strict=True)]
+        parts = [f"{name} = {value:.6g}" for name, value in zip(names_of(self.parameters), self.values, strict=True)]
         return f"Fit({', '.join(parts)})"
 
     def report(self) -> str:
         """Return a table of estimates with their deviations and correlations, and the notes."""
         begun = "from one start" if len(self.starts) == 1 else f"from {len(self.starts)} starts"
         lines = [f"{self.residuals.size} data, chi2 = {self.chi2:.6g}, {self.runs} runs {begun}"]
-        width = max(len(parameter.name) for parameter in self.parameters)
-        for parameter, value, deviation in zip(self.parameters, self.values, self.deviation, strict=True):
+        names = names_of(self.parameters)
+        width = max(map(len, names))
+        for name, parameter, value, deviation in zip(names, self.parameters, self.values, self.deviation, strict=True):
             spread = "of unknown deviation" if np.isnan(deviation) else f"+- {deviation:.3g}"
-            spread = "not determined" if parameter.name in self.not_identifiable else spread
-            lines.append(f"  {parameter.name:<{width}}  {value:.8g} {spread} {parameter.unit(self.scene)}".rstrip())
+            spread = "not determined" if name in self.not_identifiable else spread
+            lines.append(f"  {name:<{width}}  {value:.8g} {spread} {parameter.unit(self.scene)}".rstrip())
         for k in range(len(self.parameters)):
             for j in range(k):
                 both = self.deviation[j] * self.deviation[k]
                 share = self.covariance[j, k] / both if both > 0.0 else 0.0
                 if abs(share) > 0.5:
-                    names = f"{self.parameters[j].name}, {self.parameters[k].name}"
-                    lines.append(f"  correlation of {names}: {share:.3f}")
+                    lines.append(f"  correlation of {names[j]}, {names[k]}: {share:.3f}")
         return "\n".join([*lines, *self.notes])
 
 
@@ -149,7 +149,8 @@ def _outcome(data: tuple[Data, ...], problem: _Problem, starts: tuple[FitStart, 
     parameters = tuple(parameter.carried(problem.scene, scene) for parameter in problem.parameters)
     values, notes = solved.x[:p], list(solved.notes)
     covariance, poor = _covariance(solved, p, problem.noise_is_known)
-    lost = [parameters[k].name for k in poor]
+    names = names_of(parameters)
+    lost = [names[k] for k in poor]
     if lost:
         notes.append(
             f"not identifiable: the data do not determine {', '.join(lost)}; give other data, or leave these "
@@ -163,10 +164,10 @@ def _outcome(data: tuple[Data, ...], problem: _Problem, starts: tuple[FitStart, 
     if problem.noise_is_known:
         notes += _doubts(solved)
     low, high = problem.bounds
-    for k, parameter in enumerate(parameters):
+    for k, name in enumerate(names):
         size = max(abs(values[k]), 1e-300)
         if min(values[k] - low[k], high[k] - values[k]) <= 1e-9 * size:
-            notes.append(f"bound: {parameter.name} lies at a bound, {values[k]:.6g}")
+            notes.append(f"bound: {name} lies at a bound, {values[k]:.6g}")
     return Fit(
         parameters, data, scene, starts, values, solved.x[p:], covariance, lost, solved.residuals, solved.chi2,
         solved.until, solved.runs, notes,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import Named, array
+from vofem._validate import Named, array, listed
 from vofem.arrays import Array
 from vofem.blas import one_thread
 from vofem.errors import ArgumentError, MethodError
@@ -115,12 +115,12 @@ class MotionSensitivities(OfParameters):
 
         Parameters
         ----------
-        points : list of points, optional
+        points : point or list of points, optional
             The default is the points of the contacts.
         """
         import pandas as pd
 
-        chosen = [c.a for c in self._run.scene.contacts] if points is None else list(points)
+        chosen = [c.a for c in self._run.scene.contacts] if points is None else listed(points)
         columns: dict[str, Array] = {"time (s)": self._times(None)}
         for point in chosen:
             values = self.displacement(point)

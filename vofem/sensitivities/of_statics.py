@@ -13,7 +13,7 @@ from vofem.errors import ArgumentError
 from vofem.lookup import rows_over
 from vofem.scene import Scene
 from vofem.sensitivities.forcing import derivative_waves
-from vofem.sensitivities.parameter import Parameter, parameters_of
+from vofem.sensitivities.parameter import Parameter, names_of, parameters_of
 from vofem.sensitivities.system_change import SystemChange, system_changes
 from vofem.statics import Equilibrium
 from vofem.vibration import Modes, contact_indices
@@ -34,8 +34,8 @@ class OfParameters:
 
     @property
     def names(self) -> list[str]:
-        """Names of the parameters."""
-        return [parameter.name for parameter in self.parameters]
+        """Names of the parameters, numbered where several have one."""
+        return names_of(self.parameters)
 
     @property
     def units(self) -> list[str]:

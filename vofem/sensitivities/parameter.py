@@ -205,6 +205,13 @@ class Parameter:
 public(Parameter)
 
 
+def names_of(parameters: Sequence[Parameter]) -> list[str]:
+    """Return the names of parameters, numbered where several have one, as those of unnamed loads at a point."""
+    names = [parameter.name for parameter in parameters]
+    numbers = [f" ({names[: k + 1].count(name)})" if names.count(name) > 1 else "" for k, name in enumerate(names)]
+    return [name + number for name, number in zip(names, numbers, strict=True)]
+
+
 def _label(target: Any) -> str:
     """Return the name of a target; of an effect that has none, its class and what it acts on."""
     name = target if isinstance(target, str) else getattr(target, "name", None)
