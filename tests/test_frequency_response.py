@@ -145,6 +145,10 @@ def test_what_has_no_response_is_refused():
     refused(vf.ArgumentError, "no contact is named", [load], closed=["stop"])
     cubic = vf.NonlinearSpring(mass, potential=lambda u: u**4, force=lambda u: 4 * u**3)
     refused(vf.MethodError, "not linear", [load, cubic])
+    # A stop in space pushes by the displacement of the base too: the answer without it was 4 times too small.
+    shaken = vf.BaseMotion(mass, vf.Sine(1.0, 3.0), displacement=0.0, velocity=-1.0 / 3.0)
+    stop = vf.Contact(mass, gap=0.1, stiffness=50.0, side="below", acts_on="penetration", frame="space", name="space")
+    refused(vf.MethodError, "'space' sees the displacement of a base", [shaken, stop], closed=["space"])
     beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=2, supports={"left": "clamped"})
     refused(vf.ArgumentError, "travels", [vf.Spring(beam.along(vf.Path(1.0)), stiffness=1.0)], body=beam)
     varies = vf.Springpot(mass, coefficient=1.0, order=lambda t: 0.5 + 0.0 * t)

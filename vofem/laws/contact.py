@@ -9,6 +9,7 @@ the whole displacement (Eqs. 9b, 13, 18c). It is the gap under the penetration l
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -122,9 +123,10 @@ class ContactLaws(LawGroup):
         """Return the contacts for a run that begins at a time in s."""
         return self if self.moving is None else replace(self, moving=self.moving.shifted(start))
 
-    def _in_space(self) -> str:
+    def _in_space(self, chosen: Sequence[int] | None = None) -> str:
         assert self.moving is not None
-        return self.labels[int(np.argmax(np.any(self.moving.weights, axis=1)))]
+        moved = np.any(self.moving.weights, axis=1)
+        return next(self.labels[j] for j in (range(moved.size) if chosen is None else chosen) if moved[j])
 
     @property
     def away(self) -> Array:
@@ -183,9 +185,12 @@ class ContactLaws(LawGroup):
         """Return why harmonic balance cannot treat the contacts: where bases move them, or stops are rigid."""
         return self.moving_refusal("harmonic balance") or self.rigid_refusal("harmonic balance")
 
-    def moving_refusal(self, what: str) -> str | None:
-        """Return why something takes no contacts that bases move, and what to do instead; None where none is moved."""
-        if self.moving is None:
+    def moving_refusal(self, what: str, chosen: Sequence[int] | None = None) -> str | None:
+        """Return why something takes no contacts that bases move, and what to do instead; None where none is moved.
+
+        `chosen`: numbers of the contacts that matter; all of them where not given.
+        """
+        if self.moving is None or (chosen is not None and not np.any(self.moving.weights[list(chosen)])):
             return None
         if self.travelling is not None:
             return (
@@ -193,8 +198,8 @@ class ContactLaws(LawGroup):
                 "or put the contact at a place of interest, beam.at(x)"
             )
         return (
-            f"{self._in_space()} sees the displacement of a base, which {what} cannot take into account; simulate the "
-            "scene, until it has settled where a steady state is wanted, or let stops stand on the base"
+            f"{self._in_space(chosen)} sees the displacement of a base, which {what} cannot take into account; "
+            "simulate the scene, until it has settled where a steady state is wanted, or let stops stand on the base"
         )
 
     def statics_refusal(self, path: bool) -> str | None:

@@ -112,7 +112,8 @@ def frequency_response(
     ArgumentError
         If a frequency is negative or not a number, a closed contact is unknown or rigid, or a load is not harmonic.
     MethodError
-        If the scene has laws other than contacts that are not linear.
+        If the scene has laws other than contacts that are not linear, or a closed contact sees the displacement of a
+        base.
     SingularSystemError
         When displacements are asked for at a natural frequency without damping.
     """
@@ -138,6 +139,9 @@ def frequency_response(
     if chosen:
         laws = system.contacts
         assert laws is not None
+        reason = laws.moving_refusal(what, chosen)
+        if reason is not None:
+            raise MethodError(reason)
         stiffness, damping = laws.stiffness[chosen], laws.damping[chosen]
         attached.append(Attached(laws.rows[chosen], lambda omega: stiffness + 1j * omega * damping))
     counters = Counters()
