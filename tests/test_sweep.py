@@ -258,6 +258,18 @@ def test_a_failing_point_is_a_row_and_not_the_end(kind, error):
         assert str(one) == "point 1 (kind='raise'): ValueError: no such gap"
 
 
+def test_a_text_that_no_file_can_hold_fails_its_point_and_not_the_sweep(tmp_path):
+    def named(text):
+        if text == "\udce9":
+            raise FileNotFoundError(text)
+        return {"again": text}
+
+    table = vf.sweep(named, {"text": ["a", "a\0b", "\udce9"]}, store=tmp_path / "s.h5", executor="serial")
+    assert [one.index for one in table.failed] == [1, 2]
+    assert "expected valid Unicode" in table.failed[0].error
+    assert vf.load(tmp_path / "s.h5")["again"].tolist() == ["a", "", ""]
+
+
 def test_a_point_that_returns_nan_has_not_failed():
     table = vf.sweep(functions.trouble, {"kind": ["fine", "nan"]}, executor="serial")
     assert table.failed == ()

@@ -273,6 +273,12 @@ def chunks(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
     return (min(shape[0], rows), *inner)
 
 
+def texts_of(values: NDArray) -> NDArray:
+    """Return texts for HDF5, without characters that it cannot hold."""
+    texts = [text.encode("utf-8", "replace").replace(b"\0", b"?") for text in values.ravel().tolist()]
+    return np.array(texts, dtype=object).reshape(values.shape)
+
+
 def empty_dataset(group: h5py.Group, name: str, shape: tuple[int, ...], dtype: Any) -> h5py.Dataset:
     """Return a new dataset, to be written by rows."""
     dtype = np.dtype(dtype)

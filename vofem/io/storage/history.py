@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
-from vofem.files.hdf5 import FILTERS, Blocks, block_slices, chunks
+from vofem.files.hdf5 import FILTERS, Blocks, block_slices, chunks, texts_of
 from vofem.histories.energy import Energy
 from vofem.histories.tables import named_points, points_of_interest
 from vofem.histories.variables import ENERGIES, MOTION, Variable, histories
@@ -62,13 +62,8 @@ def _write(blocks: Blocks, group: Any, name: str, variable: Variable, shape: tup
     written.attrs.update(variable.attributes | ({"dtype": "bool"} if truth else {}))
     for rows in block_slices(shape[0], kind.itemsize * int(np.prod(shape[1:]))) if all(shape) else ():
         values = variable.at(rows)
-        written[rows] = _texts(values) if text else values.astype(dtype, copy=False)
+        written[rows] = texts_of(values) if text else values.astype(dtype, copy=False)
         blocks.flush()
-
-
-def _texts(values: NDArray) -> Any:
-    """Return strings for HDF5, without characters that are no valid text."""
-    return np.array([text.encode("utf-8", "replace").replace(b"\0", b"?") for text in values.tolist()], dtype=object)
 
 
 def _degrees_of_freedom(result: Result) -> dict[str, Variable]:

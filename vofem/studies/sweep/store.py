@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import OutputError, StorageError
-from vofem.files.hdf5 import FILTERS, SWEEP, checked_group, mark_format, reading, writing
+from vofem.files.hdf5 import FILTERS, SWEEP, checked_group, mark_format, reading, texts_of, writing
 from vofem.files.whole import target, try_to_write
 from vofem.studies.sweep.points import node_of, points_of, value_of
 from vofem.studies.sweep.sweep import Sweep, agreeing, columns_of, sweep_of
@@ -275,7 +275,7 @@ def _write_variable(table: h5netcdf.File, name: str, values: NDArray, role: str)
     for dimension, size in dimensions.items():
         if dimension not in table.dimensions:
             table.dimensions[dimension] = size
-    data = values.astype(object) if kind == "U" else values.astype(np.int8) if kind == "b" else values
+    data = texts_of(values) if kind == "U" else values.astype(np.int8) if kind == "b" else values
     dtype = h5py.string_dtype() if kind == "U" else data.dtype
     filters = {} if kind == "U" else FILTERS
     written = table.create_variable(name, tuple(dimensions), dtype, data=data, **filters)

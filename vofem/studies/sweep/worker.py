@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import re
 import signal
 import threading
 import time
@@ -83,6 +84,9 @@ def _raised_in_thread(seconds: float) -> Iterator[None]:
 
 #: Kinds of arrays that a row may hold: booleans, integers, floats, complex numbers, texts.
 _KINDS = "biufcU"
+
+#: Characters in texts that no store can hold.
+_NO_TEXT = re.compile("[\0\ud800-\udfff]")
 
 #: How names begin that a store uses itself.
 RESERVED = "sweep_"
@@ -164,5 +168,7 @@ def _values(returned: Any, point: dict[str, Any]) -> dict[str, NDArray]:
             raise TypeError(
                 f"the function returned {name!r} of type {type(value).__name__}, expected a number or array{large}"
             )
+        if array.dtype.kind == "U" and any(map(_NO_TEXT.search, array.ravel().tolist())):
+            raise TypeError(f"the function returned {name!r}: {value!r:.100}, expected valid Unicode without '\\0'")
         values[name] = array
     return values
