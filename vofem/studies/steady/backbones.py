@@ -315,9 +315,7 @@ class _Search:
         if walker.interrupted:
             raise KeyboardInterrupt
         if walker.points[-1].value != level:
-            # What one does about a branch that is lost is no advice here.
-            why = walker.notes[-1].partition(". To go on")[0]
-            raise _not_reached(walker.points, "energy" if self.dof < 0 else "amplitude", level, why)
+            raise _not_reached(walker.points, "energy" if self.dof < 0 else "amplitude", level, walker.notes[-1])
         return self.solved(walker.points[-1].y[:-1], level)
 
     def solved(self, guess: Array, level: float) -> Array:

@@ -96,10 +96,11 @@ class Follower:
     `steps`: the steps from each point to the next; None if both are one orbit in other coordinates.
     """
 
-    #: What to do where the curve is lost.
-    onward: ClassVar[str] = (
-        "follow from an orbit beyond: vofem.continuation(..., guess=) with a run there that has settled, or with "
-        "periods="
+    #: What to do where the curve is lost, and where its motion vanishes, as the ends of notes.
+    onward: ClassVar[tuple[str, str]] = (
+        ". To go on, follow from an orbit beyond: vofem.continuation(..., guess=) with a run there that has settled, "
+        "or with periods=",
+        ". To go on, begin beyond",
     )
 
     family: Family
@@ -211,7 +212,7 @@ class Follower:
             if size < _VANISHED * largest and not now.problem.least:
                 self.notes.append(
                     f"the {self.noun} ends at {now.value:.6g}, where the motion vanishes: it is {size / largest:.0e} "
-                    "of the largest one. To go on, begin beyond"
+                    f"of the largest one{self.onward[1]}"
                 )
                 return
             if len(self.points) >= self.most:
@@ -270,7 +271,7 @@ class Follower:
             rounded = "; one touch after another magnifies rounding, so that it decides the direction of the branch"
         return (
             f"the {self.noun} was lost at {now.value:.12g}: Newton's method does not converge for the smallest "
-            f"step{self._why}{what_contacts_do(now)}{rounded}. To go on, {self.onward}"
+            f"step{self._why}{what_contacts_do(now)}{rounded}{self.onward[0]}"
         )
 
     def _within(self, now: Point, step: float) -> tuple[float, float | None]:
@@ -652,7 +653,9 @@ class Follower:
 
 
 class Quiet(Follower):
-    """Follows a branch on which no special points are searched."""
+    """Follows a branch that is part of a search: without special points, and without advice to who asked for more."""
+
+    onward = "", ""
 
     def located(self, step: Step, earlier: Step | None) -> list[SpecialPoint]:
         """Return nothing."""

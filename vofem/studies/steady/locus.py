@@ -190,7 +190,10 @@ def locus(
 class _Walk(Follower):
     """Follows a special orbit."""
 
-    onward = "begin at a special point of this kind on a branch for a value of the other parameter beyond"
+    onward = (
+        ". To go on, begin at a special point of this kind on a branch for a value of the other parameter beyond",
+        ". To go on, begin beyond",
+    )
 
     def located(self, step: Step, earlier: Step | None) -> list[SpecialPoint]:
         """Return the points of a step at which the locus is special. It shows its own turns."""
