@@ -1,5 +1,6 @@
 """Diagrams over many scenes, against orbits found by shooting and known multistability."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -106,6 +107,29 @@ def test_arguments_that_cannot_serve_are_refused(arguments, message):
     given = {"build": nlvib_03, "values": [0.6], "executor": "serial"} | arguments
     with pytest.raises(vf.ArgumentError, match=message):
         vf.bifurcation_diagram(**given)
+
+
+def test_a_limit_of_time_is_that_of_one_value_and_a_lost_series_is_told():
+    """The limit was that of a whole series of values, and a series that was lost ended all in an error."""
+
+    def slow(omega):
+        time.sleep(0.1)
+        return oscillator(omega, 0.2)
+
+    kept = {"periods": 2, "skip": 1, "executor": "serial"}
+    assert vf.bifurcation_diagram(slow, np.linspace(0.7, 0.8, 6), time_limit=0.5, **kept).failed == ()
+    calls = []
+
+    def ends(omega):
+        calls.append(omega)
+        if len(calls) == 3:  # of rising values
+            raise SystemExit("no licence")
+        return oscillator(omega, 0.2)
+
+    found = vf.bifurcation_diagram(ends, [0.7, 0.8], **kept)
+    assert found.failed == ("up: SystemExit: no licence",)
+    assert np.all(np.isnan(found.displacement(start="up")))
+    assert np.all(np.isfinite(found.displacement(start="down")))
 
 
 def test_one_sample_tells_of_no_repetition():

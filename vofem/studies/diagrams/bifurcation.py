@@ -202,7 +202,8 @@ def bifurcation_diagram(
     method : str
         See `vofem.simulate`.
     **options
-        Options of `vofem.sweep`, such as ``executor``, ``store`` and ``progress``.
+        Options of `vofem.sweep`, such as ``executor``, ``store`` and ``progress``. A ``time_limit`` is that of one
+        value; rising and falling values have it once for each of them, and fail together.
 
     Returns
     -------
@@ -225,13 +226,17 @@ def bifurcation_diagram(
     if follow:
         orders = {"up": np.argsort(given, kind="stable"), "down": np.argsort(-given, kind="stable")}
         rows = [{"values": given[order].tolist()} for order in orders.values()]
-        chains = sweep(functools.partial(_chain, build=build, how=how), rows, **_beside(options, "follow"))
-        if chains.failed:
-            raise ArgumentError(f"bifurcation_diagram: {chains.failed[0].error}")
+        series_options = _beside(options, "follow")
+        if (limit := options.get("time_limit")) is not None:
+            series_options["time_limit"] = given.size * limit
+        chains = sweep(functools.partial(_chain, build=build, how=how), rows, **series_options)
+        lost = {one.index: one.error for one in chains.failed}
         for k, (name, order) in enumerate(orders.items()):
-            samples[name] = np.empty_like(chains["looks"][k])
-            samples[name][:, :, order] = chains["looks"][k]
-            failed += [f"{name}: {message}" for message in chains["errors"][k] if message]
+            samples[name] = np.full_like(samples["rest"], np.nan)
+            if k not in lost:
+                samples[name][:, :, order] = chains["looks"][k]
+            errors = [lost[k]] if k in lost else chains["errors"][k]
+            failed += [f"{name}: {message}" for message in errors if message]
     names = next(names for names in rest["names"] if all(names))
     return BifurcationDiagram(given, tuple(map(str, names)), samples, tuple(failed), rest["period"])
 
@@ -240,7 +245,7 @@ def _beside(options: SweepOptions, part: str) -> SweepOptions:
     """Return the options of one part of a diagram, which has a store of its own."""
     store = options.get("store")
     if store is None:
-        return options
+        return {**options}
     path = Path(store)
     return {**options, "store": path.with_name(f"{path.stem}-{part}{path.suffix}")}
 
