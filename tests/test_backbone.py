@@ -127,6 +127,18 @@ def test_a_level_that_is_not_reached():
     assert len(below.orbits) == 2
 
 
+def test_a_backbone_that_turns_into_itself_is_not_followed_back():
+    """It came back to a motion of 1e-9 of its size, or the error advised more points; it ends in the second mode."""
+    a, b = vf.Mass(1.0, stiffness=0.8, name="a"), vf.Mass(1.0, stiffness=2.9, name="b")
+    stop = vf.Contact(b, gap=0.2, stiffness=240.0, side="above", acts_on="penetration", name="stop")
+    scene = vf.Scene([a, b], [vf.Spring(a, b, stiffness=1.2), stop])
+    with pytest.raises(vf.ConvergenceError, match=r"at 0\.73.* both instants of rest have become one") as raised:
+        vf.backbone(scene, 1, [10.0])
+    assert "max_points" not in str(raised.value)
+    # The second mode has twice the frequency there.
+    assert vf.backbone(scene, 2, [0.7366]).omega[0] == pytest.approx(2.0 * 1.4574651, rel=1e-4)
+
+
 def test_an_oscillation_of_a_beam_conserves_and_returns():
     beam = cantilever(4, name="beam")
     tip = beam.at(1.0)

@@ -49,6 +49,9 @@ _EACH_MODE = 4
 #: Difference of the amplitudes on both sides, as a share of them, up to which they are the same.
 _KEPT = 1e-9
 
+#: Cosine of the angle below which the ways from one instant of rest to the other are opposite at two oscillations.
+_OPPOSITE = -0.99
+
 #: First fraction of the contacts' stiffness if contacts touch at rest, and the largest step of its logarithm.
 _SOFT, _HARDER = 1e-3, np.log(2.0)
 
@@ -308,7 +311,7 @@ class _Search:
         scales = np.append(np.full(now.size - 1, np.linalg.norm(now[:-1])), now[-1])
         family: Any = self
         self.interval = Interval(0.0, level)
-        walker = Quiet(family, most=most, noun="backbone")
+        walker = _Arc(family, most=most, noun="backbone")
         here = self.level(now[:-1])[0]
         first = point_at(family, ORIGIN, np.append(now, here), np.append(towards / scales, 0.0))
         walker.follow(first, _SHORT)
@@ -347,6 +350,32 @@ class _Search:
         chart, y = signature_at(problem, unknowns)
         evaluation = chart.evaluate(problem, y).stripped()
         return problem.orbit_of(unknowns, evaluation, lambda: _UNDECIDED, autonomous=True)
+
+
+class _Arc(Quiet):
+    """Follows a backbone beyond a turn."""
+
+    def _closed(self, now: Point, after: Point) -> bool:
+        """Return whether the backbone has come back to its first oscillation, or turned into itself.
+
+        It does the latter where both instants of rest are one, as in a higher mode at an even internal resonance:
+        beyond are the oscillations that lead there, half a period later.
+        """
+        one, other = self._apart(now), self._apart(after)
+        self._over = bool(one @ other < _OPPOSITE * np.linalg.norm(one) * np.linalg.norm(other))
+        if self._over:
+            self.notes.append(
+                f"at {after.value:.9g} both instants of rest have become one, in a higher mode at an internal "
+                "resonance; beyond are the same oscillations, half a period later"
+            )
+        return self._over or super()._closed(now, after)
+
+    def _apart(self, point: Point) -> Array:
+        """Return the modal displacement from one instant of rest to the other, shape (n,)."""
+        search: Any = self.family
+        search.work.flows += 1
+        z, half = point.y[:-2], float(point.y[-2])
+        return flow(search.system, Start(0.0, z, np.zeros_like(z)), half).displacement - z
 
 
 #: A family of orbits has a double multiplier 1, known to the square root of rounding only.
