@@ -396,6 +396,18 @@ def test_what_a_number_may_be_is_its_bound() -> None:
     assert fit.notes == ["bound: stop.restitution lies at a bound, 1"]
 
 
+@pytest.mark.parametrize(("true", "bounds"), [(-0.2, (0.0, 1.0)), (0.3, (None, 0.0))])
+def test_a_value_at_a_bound_of_zero_is_told(true: float, bounds: tuple[float | None, float | None]) -> None:
+    """It is some 1e-19 rad from the bound, which is no small share of itself."""
+    mass, times = vf.Mass(1.0, stiffness=50.0, damping=0.4, name="m"), np.linspace(0.03, 3.0, 100)
+    scenes = [vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, 6.0, phase=phase), name="load")])
+              for phase in (true, -2.5 * true)]  # fmt: skip
+    data = vf.simulate(scenes[0], 3.0, times=times, method="event_driven").displacement(mass)
+    fit = vf.fit(scenes[1], vf.Parameter("load", "f.phase", bounds=bounds), vf.Measured(mass, times, data))
+    assert fit.values[0] == pytest.approx(0.0, abs=1e-15)
+    assert [note.partition(",")[0] for note in fit.notes] == ["bound: load.f.phase lies at a bound"]
+
+
 def test_no_linked_number_and_no_place_leaves_its_range() -> None:
     masses = [vf.Mass(1.0, stiffness=k, name=name) for k, name in ((50.0, "a"), (10.0, "b"))]
     pushed = vf.Scene(masses, [vf.PointLoad(masses[0], 1.0)])

@@ -34,6 +34,9 @@ _WINDOWS = (0.125, 0.25, 0.5, 1.0)
 #: A window ends early: the next one starts from its result, which needs not be exact.
 _ROUGH = 1e-4
 
+#: Distance from a bound, as a share of the value or of what changes the residuals as a whole, that is none.
+_AT_BOUND = 1e-9
+
 #: Chance of a sum of squares, if model and noise are right, below which a note doubts them.
 _BY_CHANCE = 1e-6
 
@@ -164,9 +167,11 @@ def _outcome(data: tuple[Data, ...], problem: _Problem, starts: tuple[FitStart, 
     if problem.noise_is_known:
         notes += _doubts(solved)
     low, high = problem.bounds
+    norms = np.linalg.norm(solved.jacobian, axis=0)[:p]
     for k, name in enumerate(names):
-        size = max(abs(values[k]), 1e-300)
-        if min(values[k] - low[k], high[k] - values[k]) <= 1e-9 * size:
+        # At the bound, or so near that the way to it changes the residuals by as little.
+        little = max(abs(values[k]), np.sqrt(solved.chi2) / norms[k] if norms[k] > 0.0 else 0.0)
+        if min(values[k] - low[k], high[k] - values[k]) <= _AT_BOUND * little:
             notes.append(f"bound: {name} lies at a bound, {values[k]:.6g}")
     return Fit(
         parameters, data, scene, starts, values, solved.x[p:], covariance, lost, solved.residuals, solved.chi2,
