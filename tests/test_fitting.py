@@ -536,3 +536,18 @@ def test_two_unnamed_loads_at_a_point_are_told_apart() -> None:
     assert found.to_dataframe(mass).shape == (50, 3)
     fit = vf.fit(scene, parameters, vf.Measured(mass, times, run.displacement(mass)))
     assert fit.not_identifiable == names
+
+
+@pytest.mark.parametrize("start", [-5.0, 20.0])
+def test_a_trial_that_buckles_is_answered_by_a_shorter_step(start: float) -> None:
+    """The fit ended in its error: steps from other axial forces lead beyond the critical one, -9.87 N."""
+    scenes = []
+    for tension in (-9.5, start):
+        beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "pinned", "right": "pinned"}, tension=tension, name="beam")
+        scenes.append(vf.Scene([beam], [vf.PointLoad(beam.at(0.5), 1.0)]))
+    frequencies = vf.modes(scenes[0], 2).frequencies
+    deflection = vf.equilibrium(scenes[0], 0.0).displacement(scenes[0].bodies[0].at(0.5))
+    statics = vf.MeasuredStatics(scenes[1].bodies[0].at(0.5), [0.0], [deflection], 1e-6)
+    for data in (vf.MeasuredFrequencies(frequencies, 1e-6), statics):
+        fit = vf.fit(scenes[1], vf.Parameter("beam", "tension"), data)
+        assert fit.values[0] == pytest.approx(-9.5, rel=1e-9)

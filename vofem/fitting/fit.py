@@ -323,10 +323,10 @@ class _Problem:
             return np.clip(z, low, high)
 
         def misfit(y: Array) -> Array:
-            # The optimiser answers infinite residuals by a shorter step.
+            # The optimiser answers infinite residuals by a shorter step: a trial may buckle, or lose its branch.
             try:
                 return np.asarray(weights * self.trial(at(y), until)[1]) / size
-            except ConvergenceError:
+            except VofemError:
                 return np.full(weights.size, np.inf)
 
         def slopes(y: Array) -> Array:
