@@ -91,8 +91,8 @@ def test_times_of_the_file_and_another_end(scene, tmp_path, capsys, times, t_end
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--t-end", "-1"], "t_end is -1.0, expected a positive number"),
-        (["--t-end", "nan"], "t_end is NaN"),
+        (["--t-end", "-1"], "--t-end is -1.0, expected a positive number"),
+        (["--t-end", "nan"], "--t-end is NaN"),
         (["--method", "evnt_driven"], "did you mean 'event_driven'?"),
         (["--method", "central_difference", "--dt", "9"], "critical"),
     ],
@@ -103,6 +103,16 @@ def test_faults_have_exit_code_1_and_no_traceback(scene, words, message, capsys)
     assert err.startswith("vofem: ")
     assert message in err
     assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("words", [["--t-end", "-1"], ["--t-end", "nan"], ["--method", "evnt_driven"]])
+def test_wrong_options_are_named_before_anything_is_printed_or_made(scene, words, capsys):
+    scene.write_text(SHORT.replace("t_end = 6.0", "t_end = 6.0\ntimes = [0.0, 3.0, 6.0]"))
+    assert cli.main(["run", str(scene), *words]) == 1
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith(f"vofem: {words[0]} is ")
+    assert not Path("output").exists()
 
 
 def test_a_wrong_error_is_named_before_anything_is_measured(scene, tmp_path, capsys):
@@ -161,11 +171,19 @@ def test_a_file_that_is_not_there(scene, capsys):
     assert capsys.readouterr().err.endswith(f"; relative paths start at '{Path.cwd()}'; did you mean 'ball.toml'?\n")
 
 
-def test_verify_names_a_wrong_case_before_anything_else(capsys):
-    assert cli.main(["verify", "--case", "nothing of the kind"]) == 1
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--case", "nothing of the kind"], "no case matches"),
+        (["--method", "nonsense"], "method is 'nonsense', expected one of 'event_driven'"),
+        (["--case", "1", "--method", "harmonic_balance"], "no run is left"),
+    ],
+)
+def test_verify_names_what_is_wrong_before_anything_else(words, message, capsys):
+    assert cli.main(["verify", *words]) == 1
     said = capsys.readouterr()
     assert said.out == ""
-    assert "no case matches" in said.err
+    assert message in said.err
 
 
 def test_explain_says_which_method_the_file_wants(scene, capsys):

@@ -70,7 +70,7 @@ def test_every_writer_leaves_all_or_nothing(name, there, results, branch, tmp_pa
     writers = {
         "run": lambda run: run.save(tmp_path / "run.vtkhdf", overwrite=True),
         "branch": lambda _: branch.save(tmp_path / "branch.h5", overwrite=True),
-        "scene": lambda run: vf.dump_scene(run.scene, tmp_path / "scene.toml"),
+        "scene": lambda run: vf.dump_scene(run.scene, tmp_path / "scene.toml", overwrite=True),
         "table": lambda run: write_csv(run, [ball], tmp_path / "run.csv"),
         "series": lambda run: write_series(run, tmp_path / "run.pvd"),
         "picture": lambda run: time_history(run, ball, tmp_path / "run.png"),

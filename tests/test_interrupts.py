@@ -108,6 +108,14 @@ def test_a_file_is_whole_or_absent(tmp_path, presses):
         assert list(folder.iterdir()) == []
 
 
+def test_ctrl_c_in_a_text_that_is_run_ends_a_command_with_its_code(tmp_path):
+    """As in imports of scipy, which run texts; Python would end the process by the signal."""
+    program = HEARS + "cli.run_command = lambda argv: exec('raise KeyboardInterrupt')\nsys.exit(cli.script())"
+    process = started(tmp_path, program)
+    _, errors = process.communicate(timeout=60.0)
+    assert (process.returncode, errors) == (130, "vofem: interrupted\n")
+
+
 # -- commands, in this process --------------------------------------------------------------------
 
 

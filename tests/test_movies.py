@@ -195,3 +195,7 @@ def test_the_command_line_writes_a_movie(run, tmp_path, capsys):
     for words in (["--snapshot"], ["--output", str(tmp_path)], ["--times", "1.0"]):
         assert cli.main([*arguments, *words]) == 1
         assert capsys.readouterr().err.startswith(f"vofem: {words[0]} is for pictures")
+    for words in (["--view", "side"], ["--speed", "1"], ["--frames", "0"], ["--point", "beam@0.5"]):
+        assert cli.main(["render", str(saved), "--output", str(tmp_path / "pictures"), *words]) == 1
+        assert capsys.readouterr().err.startswith(f"vofem: {words[0]} is for movies")
+    assert not (tmp_path / "pictures").exists()

@@ -26,7 +26,7 @@ MESHES = Path(__file__).parent.parent / "meshes"
 
 def reload(scene, tmp_path, **more):
     """Write and read a scene."""
-    return vf.load_scene(vf.dump_scene(scene, tmp_path / "scene.toml", **more)).scene
+    return vf.load_scene(vf.dump_scene(scene, tmp_path / "scene.toml", overwrite=True, **more)).scene
 
 
 def assert_same_system(one, two):
@@ -185,10 +185,10 @@ def test_run_and_output_settings(tmp_path):
     assert again.output.pictures == (1.0, 1.5)
     assert [point.x for point in again.output.history] == [1.0, 0.5]
     assert np.array_equal(again.simulate().times, np.linspace(0.0, 2.0, 11))
-    listed = vf.load_scene(vf.dump_scene(scene, path, RunSettings(2.0, times=[0.0, 1 / 3])))
+    listed = vf.load_scene(vf.dump_scene(scene, path, RunSettings(2.0, times=[0.0, 1 / 3]), overwrite=True))
     assert listed.simulate(t_end=1.0).times.tolist() == [0.0, 1 / 3]
     with pytest.raises(vf.ArgumentError, match="does not say how long to run"):
-        vf.load_scene(vf.dump_scene(scene, path)).simulate()
+        vf.load_scene(vf.dump_scene(scene, path, overwrite=True)).simulate()
 
 
 def test_respond_settings(tmp_path):
@@ -207,6 +207,18 @@ def test_respond_settings(tmp_path):
     with pytest.raises(vf.SceneFileError, match="point_load"):
         vf.dump_scene(without, tmp_path / "third.toml", respond=file.respond)
     assert not (tmp_path / "third.toml").exists()
+
+
+def test_a_scene_file_that_exists_is_kept(tmp_path):
+    """It may be one that a user wrote, with comments."""
+    path = tmp_path / "scene.toml"
+    path.write_text("# mine\n")
+    scene = vf.Scene([vf.Mass(1.0, name="m")])
+    with pytest.raises(vf.OutputError, match=r"exists already and was left as it is; .* overwrite=True"):
+        vf.dump_scene(scene, path)
+    assert path.read_text() == "# mine\n"
+    vf.dump_scene(scene, path, overwrite=True)
+    assert vf.load_scene(path).scene.bodies[0].name == "m"
 
 
 numbers = st.floats(-1e50, 1e50)

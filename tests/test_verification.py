@@ -194,6 +194,6 @@ def test_command_line_fails_where_a_case_does(monkeypatch, capsys):
     assert main(["verify"]) == 1
     assert "beyond its tolerance" in capsys.readouterr().out
     assert main(["verify", "--method", "modes"]) == 1
-    assert "has to do with that method" in capsys.readouterr().err
+    assert "no run is left" in capsys.readouterr().err
     assert main(["verify", "--markdown", "table.txt"]) == 1
     assert "expected a name that ends in '.md'" in capsys.readouterr().err

@@ -59,6 +59,9 @@ def script() -> int:
     code = main()
     # While the interpreter ends, Ctrl-C would only add a traceback.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Python ends by the signal, whatever the exit code is, if Ctrl-C ended the last text that was run as a program.
+    # Some packages run texts while they are imported.
+    eval("0")
     return code
 
 
@@ -266,11 +269,18 @@ def _add_run(commands: Commands) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from vofem._validate import choice, number
     from vofem.blas import blas_threads
+    from vofem.integrators.registry import method_names
     from vofem.io.scene_file import load_scene
     from vofem.simulate.explanation import explain
 
     file = load_scene(arguments.scene)
+    # Checked before anything is printed or made.
+    if arguments.method is not None:
+        choice("--method", arguments.method, ("auto", *method_names()))
+    if arguments.t_end is not None:
+        number("--t-end", arguments.t_end, positive=True)
     print(explain(file.scene, *_limits(file)))
     _print_method(file, arguments.method)
     print(flush=True)
@@ -349,25 +359,34 @@ def _add_render(commands: Commands) -> None:
     render.add_argument("run", type=Path, help="file that vofem run --save or Result.save has written")
     render.add_argument("--output", type=Path, help="folder for the pictures (output/NAME of the run)")
     render.add_argument("--movie", type=Path, metavar="PATH", help="write a movie instead: .webp, .gif or .mp4")
-    render.add_argument("--view", default="side", help="of the movie: side, history, phase or space")
+    render.add_argument("--view", help="of the movie: side, history, phase or space (side)")
     render.add_argument("--speed", type=float, help="seconds of the run in a second of the movie; 1 is real time")
-    render.add_argument("--frames", type=int, help="number of frames, instead of --speed (150)")
-    render.add_argument("--point", metavar="BODY@X", help="of histories and phase portraits")
-    render.add_argument("--snapshot", action="store_true", help="draw snapshot.png in three dimensions too, with VTK")
-    render.add_argument("--times", type=float, nargs="+", default=[], metavar="T", help="of side views, in s")
+    render.add_argument("--frames", type=int, help="number of frames of the movie, instead of --speed (150)")
+    render.add_argument("--point", metavar="BODY@X", help="of movies of histories and phase portraits")
+    render.add_argument(
+        "--snapshot", action="store_const", const=True, help="draw snapshot.png in three dimensions too, with VTK"
+    )
+    render.add_argument("--times", type=float, nargs="+", metavar="T", help="of side views, in s")
 
 
 def _render(arguments: argparse.Namespace) -> int:
+    foreign: tuple[str, ...] = ("view", "speed", "frames", "point")
+    what, cure = "movies", "give --movie too"
+    if arguments.movie is not None:
+        foreign, what, cure = ("output", "snapshot", "times"), "pictures", "leave out --movie"
+    for name in foreign:
+        if getattr(arguments, name) is not None:
+            raise ArgumentError(f"--{name} is for {what}; leave it out, or {cure}")
     if arguments.movie is not None:
         return _movie(arguments)
     from vofem.io.scenes.settings import OutputSettings
 
-    result = _loaded(arguments.run)
-    for t in arguments.times:
+    result, times = _loaded(arguments.run), tuple(arguments.times or ())
+    for t in times:
         if not 0.0 <= t <= result.solution.t_end:
             raise ArgumentError(f"--times holds {t:g}, expected times from 0 to {result.solution.t_end:g} s")
     folder = _output(arguments, arguments.run)
-    written = list(_draw(result, OutputSettings(pictures=tuple(arguments.times)), folder, arguments.snapshot))
+    written = list(_draw(result, OutputSettings(pictures=times), folder, arguments.snapshot))
     print("wrote " + "\n      ".join(str(path) for path in written))
     return FINE
 
@@ -386,13 +405,10 @@ def _movie(arguments: argparse.Namespace) -> int:
     from vofem.io.movies import animate
     from vofem.io.scene_file import point_named
 
-    given = {"--times": arguments.times, "--snapshot": arguments.snapshot, "--output": arguments.output}
-    for name in (name for name, value in given.items() if value):
-        raise ArgumentError(f"{name} is for pictures; leave it out with --movie, or --movie with it")
     result = _loaded(arguments.run)
     point = None if arguments.point is None else point_named(result.scene, arguments.point)
     outcome = animate(
-        result, arguments.movie, arguments.view, point=point, speed=arguments.speed, frames=arguments.frames
+        result, arguments.movie, arguments.view or "side", point=point, speed=arguments.speed, frames=arguments.frames
     )
     print(
         f"wrote {outcome.path}: {outcome.frames} frames, {outcome.seconds:.3g} s, {outcome.speed:.3g} s of the run a "
@@ -574,13 +590,11 @@ def _verify(arguments: argparse.Namespace) -> int:
     for file, suffix, _ in files:
         _made(target(file, (suffix,)).parent)
     outcomes = []
-    chosen = select(catalogue(), arguments.case)
+    found = verify(select(catalogue(), arguments.case), arguments.method, arguments.quick)
     print(text_header(), flush=True)
-    for outcome in verify(chosen, arguments.method, arguments.quick):
+    for outcome in found:
         outcomes.append(outcome)
         print(text_lines(outcome), flush=True)
-    if not outcomes:
-        raise ArgumentError("verify: no case that was chosen has to do with that method; leave out --method or --case")
     print(f"\n{summary(outcomes)}")
     written = [write_text(file, form(outcomes)) for file, _, form in files]
     if written:

@@ -148,9 +148,9 @@ def replacing(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
         _unfinished.discard(temporary)
 
 
-def write_text(path: Path, text: str) -> Path:
-    """Write a text file whole, replacing what was there, and return its path; raise `OutputError` if it cannot be."""
-    with replacing(path) as temporary:
+def write_text(path: Path, text: str, *, overwrite: bool = True) -> Path:
+    """Write a text file whole and return its path; see `replacing`."""
+    with replacing(path, overwrite=overwrite) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
     return path
 

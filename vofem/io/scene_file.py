@@ -133,6 +133,8 @@ def dump_scene(
     run: RunSettings | None = None,
     output: OutputSettings | None = None,
     respond: RespondSettings | None = None,
+    *,
+    overwrite: bool = False,
 ) -> Path:
     """Write a scene to a scene file. The file is written completely or not at all.
 
@@ -148,6 +150,8 @@ def dump_scene(
     respond : RespondSettings, optional
         The contents of the table ``[respond]``. With ``file = vf.load_scene(...)`` all of a file is written by
         ``vf.dump_scene(file.scene, path, file.run, file.output, file.respond)``.
+    overwrite : bool
+        Whether a file of that name is replaced. Comments in it are lost then.
 
     Returns
     -------
@@ -162,11 +166,11 @@ def dump_scene(
         If the scene contains something that a scene file cannot hold, such as a Python function or two springs of one
         name, or if no number stands where `respond` says.
     OutputError
-        If the file cannot be written.
+        If the file exists and is not to be overwritten, or cannot be written. What was there stays as it was.
     """
     file = target(path, (".toml",))
     text = scene_to_toml(scene, run, output, file.parent, respond)
-    return write_text(file, text)
+    return write_text(file, text, overwrite=overwrite)
 
 
 def point_named(scene: Scene, text: str) -> Any:

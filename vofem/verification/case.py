@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import Any, Literal, get_args
 
-from vofem._validate import nearest, one_of
+from vofem._validate import choice
 from vofem.bodies import Mass
 from vofem.effects import Contact
 from vofem.errors import ArgumentError, SingularSystemError, VofemError
@@ -243,19 +243,21 @@ def verify(cases: Iterable[Case], method: str | None = None, quick: bool = False
 
     `method`: one of `case.subjects`.
     `quick`: whether slow runs are left out.
-    Raises `ArgumentError` for an unknown method.
+    Raises `ArgumentError` for an unknown method, and where no run is left.
     """
-    known = subjects()
-    if method is not None and method not in known:
-        raise ArgumentError(f"verify: method is {method!r}, expected {one_of(known)}{nearest(method, known)}")
-    return _outcomes(tuple(cases), method, quick)
-
-
-def _outcomes(cases: tuple[Case, ...], method: str | None, quick: bool) -> Iterator[Outcome]:
-    for case in cases:
-        for name, how in case.hows().items():
-            if method in (None, name) and not (quick and how.slow):
-                yield judge(case, name, how)
+    if method is not None:
+        choice("verify: method", method, subjects())
+    runs = [
+        (case, name, how)
+        for case in cases
+        for name, how in case.hows().items()
+        if method in (None, name) and not (quick and how.slow)
+    ]
+    if not runs:
+        raise ArgumentError(
+            "verify: no run is left of the cases that were chosen; leave out the method, the case or quick"
+        )
+    return (judge(*run) for run in runs)
 
 
 def judge(case: Case, method: str, how: How) -> Outcome:
