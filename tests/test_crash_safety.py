@@ -392,6 +392,30 @@ def test_two_runs_with_one_checkpoint(tmp_path):
     assert path.exists()
 
 
+@pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg"])
+def test_pictures_for_which_there_is_no_room(suffix, tmp_path):
+    """In a process of its own, whose files may take a kilobyte."""
+    program = f"""
+import resource, signal, sys
+import vofem as vf
+from vofem.io.plot import time_history
+from vofem.io.render import render
+ball = vf.Mass(1.0, stiffness=1.0, name="ball")
+result = vf.simulate(vf.Scene([ball], initial={{ball: (0.0, 1.0)}}), 1.0)
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, resource.RLIM_INFINITY))
+for draw in (lambda: time_history(result, ball, "a{suffix}"), lambda: render(result, 1.0, "b{suffix}")):
+    try:
+        draw()
+    except vf.OutputError as error:
+        print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert done.stdout.count("cannot be written: File too large; make room in") == 2
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("name", ["a\0b", "a\ud800b"])
 def test_names_that_no_file_can_have(name, results, tmp_path):
     result = results[0]

@@ -47,10 +47,13 @@ def render(
     ArgumentError
         If the time lies outside the run, or the size or the suffix is not possible.
     """
+    from vofem.io.pictures.axes import write_figure
     from vofem.io.pictures.drawing import DPI
     from vofem.io.pictures.sketch import sketch
     from vofem.io.pictures.snapshot import snapshot
 
     # Of a vector format this is the resolution of the strips of moments.
-    dpi = DPI if Path(path).suffix.lower() == ".png" else 3.0 * DPI
-    sketch(snapshot(result, t, scene), size, magnification).figure().savefig(path, dpi=dpi, facecolor="white")
+    path = Path(path)
+    dpi = DPI if path.suffix.lower() == ".png" else 3.0 * DPI
+    figure = sketch(snapshot(result, t, scene), size, magnification).figure()
+    write_figure(figure, path, dpi=dpi, facecolor="white")

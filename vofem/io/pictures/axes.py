@@ -12,6 +12,7 @@ import os
 import re
 import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from io import BytesIO
 from pathlib import Path
 from types import UnionType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
@@ -228,8 +229,16 @@ def panels(size: tuple[float, float], rows: int = 1, columns: int = 1, **options
 def save(figure: Any, goal: Path) -> Path:
     """Write a figure to its file, completely or not at all."""
     with replacing(goal) as temporary:
-        figure.savefig(temporary)
+        write_figure(figure, temporary)
     return goal
+
+
+def write_figure(figure: Any, path: Path, **options: Any) -> None:
+    """Write a figure to a file of the format that the suffix names; options are those of matplotlib."""
+    # In memory first: where a disk is full, a PDF would end with an AttributeError of matplotlib.
+    content = BytesIO()
+    figure.savefig(content, format=path.suffix[1:].lower(), **options)
+    path.write_bytes(content.getvalue())
 
 
 def plain(text: str) -> str:
