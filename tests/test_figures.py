@@ -233,6 +233,10 @@ def test_the_spectrum_of_a_run_has_its_frequency():
     frequency, height = line.get_data()
     assert frequency[np.argmax(height)] == pytest.approx(3.0)
     assert height.max() == pytest.approx(0.01, rel=1e-6)
+    # Without a limit it ends where nothing more is seen, and not at the highest frequency of 32 768 samples, 819 Hz.
+    for kind in ("amplitude", "psd", "spectrogram"):
+        axes = plot.spectrum(result, mass, kind=kind)
+        assert 3.0 < (axes.get_ylim() if kind == "spectrogram" else axes.get_xlim())[1] < 100.0
     few = vf.simulate(result.scene, 20.0, method="energy_conserving", dt=1e-2, times=np.linspace(0.0, 20.0, 5))
     with pytest.raises(vf.ArgumentError, match="stored 5 times"):
         plot.spectrum(few, mass)

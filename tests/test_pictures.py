@@ -317,8 +317,9 @@ def test_wrong_arguments(paper, tmp_path):
 
 
 def test_numbers_read_well():
-    assert [spell(v, "N") for v in (1330.0, 0.0347, 0.241, 0.0, 1e9)] == [
+    assert [spell(v, "N") for v in (1330.0, 2.4e-11, 0.0347, 0.241, 0.0, 1e9)] == [
         "1.33 kN",
+        "24.0 pN",
         "34.7 mN",
         "0.241 N",
         "0 N",

@@ -49,6 +49,19 @@ def test_loads_are_arrows_in_their_direction():
     assert beam.name == "beam"
 
 
+def test_what_rounding_leaves_of_a_load_is_none():
+    """At t = 2 pi the sine of this load is -2.4e-16."""
+    _, drawing = drawn([lambda b: vf.PointLoad(b.at(1.0), vf.Sine(1.0, 1.0))], t=2.0 * np.pi, t_end=7.0)
+    assert not arrows(drawing)
+    assert "0 N" in words(drawing)
+
+
+def test_gravity_has_its_label_beside_a_long_title():
+    masses = [vf.Mass(1.0, 100.0, name=f"a mass with quite a long name, number {k}") for k in range(3)]
+    result = vf.simulate(vf.Scene(masses, [vf.Gravity(0.5)]), 1.0)
+    assert "g = 0.5 m/s²" in words(sketch(snapshot(result, 0.5), SIZE, None))
+
+
 def test_an_arrow_is_as_long_as_the_load_is_large():
     sizes = []
     for t in (np.pi / 6.0, np.pi / 2.0):

@@ -117,7 +117,9 @@ def _weight(drawing: Drawing, layout: Layout, push: Push) -> None:
     if g:
         drawing.arrow(start, end, full, LOAD)
         text = f"g = {abs(g):g} m/s²"
-        drawing.place(Label(x + 14.0 * full, 0.5 * (low + high), text, LOAD, 18.0 * full, "left"), [])
+        beside = Label(x + 14.0 * full, 0.5 * (low + high), text, LOAD, 18.0 * full, "left")
+        below = Label(x - 14.0 * full, low - 14.0 * full, text, LOAD, 18.0 * full, "left")
+        drawing.place(beside, [below])
 
 
 def add_gap(drawing: Drawing, layout: Layout, x: float, low: float, high: float, gap: float) -> None:

@@ -67,8 +67,10 @@ def _of(effect: Any, times: Array, run: Array) -> list[Push | None]:
     if symbol not in ("force", "moment", "line"):
         return []
     f = as_time_function(effect.f)
-    now = np.asarray(f(times), dtype=float)
+    now = np.array(f(times), dtype=float)
     most = float(np.max(np.abs(np.append(np.asarray(f(run), dtype=float), now)), initial=0.0))
+    # What rounding leaves of a sine is no load.
+    now[np.abs(now) < 1e-12 * most] = 0.0
     if symbol == "line":
         beam: Beam = effect.beam
         x = np.linspace(beam.nodes[0], beam.nodes[-1], _ARROWS)

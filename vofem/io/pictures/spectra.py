@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vofem._validate import choice, number
 from vofem.arrays import Array
@@ -57,7 +58,8 @@ def spectrum(
         Begin and end of the time that is drawn, in s. The default is the whole run. Leave the transient out for the
         spectrum of a steady motion.
     limit : float, optional
-        Highest frequency that is drawn, Hz.
+        Highest frequency that is drawn, Hz. The default is the highest one whose amplitude is above 1e-8 of the
+        largest, and whose power is above 1e-14 of it (1e-8 in a spectrogram).
 
     Raises
     ------
@@ -82,13 +84,14 @@ def spectrum(
         _spectrogram(canvas, times, step, values, unit if unit == "m" else f"({unit})", limit)
     else:
         frequency, height = (amplitudes if kind == "amplitude" else density)(values, step)
-        limit = min(limit or np.inf, float(frequency[-1]))
+        floor = (1e-8 if kind == "amplitude" else 1e-14) * float(height.max())
+        limit = _end(frequency, height > floor, limit)
         shown = (frequency > 0.0) & (frequency <= limit)
         axes.plot(frequency[shown], height[shown], color=ink(), linewidth=stroke(1.2))
         top, least = float(height[shown].max(initial=0.0)), float(height[shown].min(initial=np.inf))
         if top > 0.0:
             axes.set_yscale("log")
-            axes.set_ylim(max(1e-8 * top if kind == "amplitude" else 1e-14 * top, least / 3.0), 3.0 * top)
+            axes.set_ylim(max(floor, least / 3.0), 3.0 * top)
         density_unit = f"{unit}^2/Hz" if unit == "m" else f"({unit})^2/Hz"
         label = f"amplitude of the {quantity} [{unit}]" if kind == "amplitude" else f"PSD [{density_unit}]"
         axes.set(xlabel="frequency [Hz]", ylabel=label, xlim=(0.0, limit))
@@ -136,6 +139,13 @@ def density(values: Array, step: float) -> tuple[Array, Array]:
     return frequency, power
 
 
+def _end(frequency: Array, visible: NDArray[np.bool_], limit: float | None) -> float:
+    """Return the highest frequency that is drawn, Hz: the limit that a user gives, or that of what is visible."""
+    last = np.flatnonzero(visible)
+    end = frequency[last[-1]] if limit is None and last.size else frequency[-1]
+    return float(min(limit or np.inf, end))
+
+
 def _spectrogram(canvas: Canvas, times: Array, step: float, values: Array, unit: str, limit: float | None) -> None:
     from matplotlib.colors import LogNorm
     from scipy.signal import spectrogram
@@ -144,7 +154,7 @@ def _spectrogram(canvas: Canvas, times: Array, step: float, values: Array, unit:
         values - values.mean(), 1.0 / step, nperseg=max(_FEWEST, values.size // _DIVIDED), window="hann"
     )
     axes, top = canvas.grid[0, 0], float(power.max(initial=0.0)) or 1.0
-    shown = frequency <= (limit or frequency[-1])
+    shown = frequency <= _end(frequency, power.max(axis=1) > 1e-8 * top, limit)
     image = axes.pcolormesh(
         times[0] + middle, frequency[shown], np.maximum(power[shown], 1e-12 * top), norm=LogNorm(1e-8 * top, top),
         cmap="viridis", shading="nearest", rasterized=True,
