@@ -197,7 +197,7 @@ def test_maps_show_values_in_any_order_and_rows_alone():
     x, y, values = cells(
         sweep_curves(vf.sweep(lambda a, b: {"c": a + b}, {"a": [3.0, 1.0], "b": [0.5]}, executor="serial"))
     )
-    assert (x, y, values.tolist()) == ([0.0, 2.0, 4.0], [0.25, 0.75], [[1.5, 3.5]])
+    assert (x, y, values.tolist()) == ([0.0, 2.0, 4.0], pytest.approx([0.475, 0.525]), [[1.5, 3.5]])
     found = vf.stability_map(oscillator, [1.2, 0.5], [0.2, 0.0], executor="serial")
     x, y, values = cells(state_map(found))
     assert (x, y) == (pytest.approx([0.15, 0.85, 1.55]), pytest.approx([-0.1, 0.1, 0.3]))

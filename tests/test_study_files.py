@@ -4,11 +4,12 @@ import csv
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 import vofem as vf
 from vofem.cli import main
-from vofem.io.pictures.studies import sweep_curves
+from vofem.io.pictures.studies import basin_map, state_map, sweep_curves
 from vofem.io.study_file import load_study
 from vofem.parameters import changed
 
@@ -165,3 +166,41 @@ def test_pictures_need_one_or_two_parameters_that_are_numbers(tmp_path):
         sweep_curves(table, tmp_path / "picture.png")
     line = vf.sweep(lambda x: {"y": x, "z": "text"}, {"x": [1.0, 2.0]}, executor="serial")
     assert sweep_curves(line, tmp_path / "picture.png").stat().st_size > 5000
+
+
+def cells_of(axes):
+    """Return what a map shows: the centres of its cells along both axes, and the values over (x, y)."""
+    mesh = axes.collections[0]
+    x, y = mesh.get_coordinates()[0, :, 0], mesh.get_coordinates()[:, 0, 1]
+    assert np.all(np.diff(x) > 0.0)
+    assert np.all(np.diff(y) > 0.0)
+    return 0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1]), np.asarray(mesh.get_array()).T
+
+
+def test_maps_take_values_in_any_order_and_single_ones():
+    """Cells lie about their values, so that a single value has a cell too."""
+    table = vf.sweep(lambda k, g: {"y": k * g}, {"k": [2e-6], "g": [3.0, 1.0, 2.0]}, executor="serial")
+    x, y, values = cells_of(sweep_curves(table))
+    assert (x.tolist(), y.tolist()) == (pytest.approx([2e-6]), pytest.approx([1.0, 2.0, 3.0]))
+    assert values[0] == pytest.approx([2e-6, 4e-6, 6e-6])
+    line = sweep_curves(vf.sweep(lambda k: {"y": k * k}, {"k": [3.0, 1.0, 2.0]}, executor="serial")).lines[0]
+    assert line.get_xydata().tolist() == [[1.0, 1.0], [2.0, 4.0], [3.0, 9.0]]
+
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.5, name="m")
+
+    def build(omega, force=1.0):
+        return vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(force, omega))])
+
+    with pytest.raises(vf.ArgumentError, match=r"looked at; give point=$"):
+        vf.stability_map(build, [2.0], [1.0], executor="serial")
+    states = vf.stability_map(build, [2.0, 0.5, 3.0], [1.0], point=mass, executor="serial")
+    x, _, values = cells_of(state_map(states))
+    assert values[:, 0] == pytest.approx(
+        1.0 / np.abs(1.0 - np.array([0.5, 2.0, 3.0]) ** 2 + 0.5j * np.array([0.5, 2.0, 3.0]))
+    )
+    found = vf.basins(
+        build(2.0), {"displacement": [1.0, 0.0, 2.0], "velocity": [1.0]}, skip=30, points=mass, executor="serial"
+    )
+    x, y, _ = cells_of(basin_map(found))
+    assert x.tolist() == pytest.approx([0.0, 1.0, 2.0])
+    assert y.tolist() == pytest.approx([1.0])

@@ -121,12 +121,10 @@ def basin_map(basins: Basins, path: Where = None, *, labels: tuple[str, str] | N
     (first, rows), (second, columns) = axes_values.items()
     names = [one.name for one in basins.attractors]
     colors = [*COLORS[: min(len(names), _MOST)], "#d7dade"]
-    cells = _Cells(rows, columns)
     index = np.where(basins.index < 0, len(colors) - 1, np.minimum(basins.index, len(colors) - 1))
     canvas, axes = single("basin_map", path, ax, (7.4, 5.2))
     norm = BoundaryNorm(np.arange(len(colors) + 1) - 0.5, len(colors))
-    axes.grid(False)
-    axes.pcolormesh(*cells.sides, cells.sorted(index).T, cmap=ListedColormap(colors), norm=norm)
+    _mesh(axes, rows, columns, index, cmap=ListedColormap(colors), norm=norm)
     units = {"displacement": " [m]", "velocity": " [m/s]"}
     xlabel, ylabel = labels or (name + units.get(name, "") for name in (first, second))
     axes.set(xlabel=plain(xlabel), ylabel=plain(ylabel))
@@ -169,16 +167,15 @@ def state_map(
 
     choice("state_map: quantity", quantity, tuple(_LABELS))
     values = found.amplitude if quantity == "amplitude" else np.abs(found.multiplier)
-    cells = _Cells(found.x, found.y)
     canvas, axes = single("state_map", path, ax, (7.8, 5.2))
-    axes.grid(False)
     # Grey shows where no orbit was found.
     axes.set_facecolor("#d7dade")
-    mesh = axes.pcolormesh(*cells.sides, cells.sorted(values).T, cmap="viridis", rasterized=True)
+    mesh = _mesh(axes, found.x, found.y, values, cmap="viridis", rasterized=True)
     canvas.figure.colorbar(mesh, ax=axes, label=_LABELS[quantity])
-    unstable, handles = cells.rectangles(found.stable == 0.0), []
-    if unstable:
-        axes.add_collection(PatchCollection(unstable, facecolor="none", edgecolor=ink(), linewidth=0.0, hatch="////"))
+    cells = _cells(found.x, found.y, found.stable == 0.0)
+    handles = []
+    if cells:
+        axes.add_collection(PatchCollection(cells, facecolor="none", edgecolor=ink(), linewidth=0.0, hatch="////"))
         handles.append(Patch(facecolor="white", edgecolor=ink(), hatch="////", label="unstable"))
     if found.failed:
         handles.append(Patch(color="#d7dade", label="no such orbit found"))
@@ -188,29 +185,31 @@ def state_map(
     return canvas
 
 
-class _Cells:
-    """Cells of a map over two parameters, about values in any order; sides are halfway between neighbours."""
+def _cells(x: NDArray[np.float64], y: NDArray[np.float64], chosen: NDArray[np.bool_]) -> list[Any]:
+    """Return the chosen cells of a map as rectangles whose sides are halfway to the neighbours."""
+    from matplotlib.patches import Rectangle
 
-    def __init__(self, x: Any, y: Any) -> None:
-        self._order = np.ix_(*(np.argsort(values) for values in (x, y)))
-        self.sides = tuple(_sides(np.sort(np.asarray(values, dtype=float))) for values in (x, y))
+    i, j = np.argsort(x), np.argsort(y)
+    left, bottom = _sides(x[i]), _sides(y[j])
+    return [
+        Rectangle((left[k], bottom[m]), left[k + 1] - left[k], bottom[m + 1] - bottom[m])
+        for k, m in np.argwhere(chosen[i][:, j]).tolist()
+    ]
 
-    def sorted(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return what values of all cells, shape (nx, ny), are where the parameters increase."""
-        return values[self._order]
 
-    def rectangles(self, chosen: NDArray[np.bool_]) -> list[Any]:
-        """Return the chosen cells."""
-        from matplotlib.patches import Rectangle
-
-        (x, y), widths, heights = self.sides, *(np.diff(sides) for sides in self.sides)
-        return [Rectangle((x[i], y[j]), widths[i], heights[j]) for i, j in np.argwhere(self.sorted(chosen)).tolist()]
+def _mesh(axes: Any, x: Any, y: Any, values: NDArray[Any], **look: Any) -> Any:
+    """Draw a map of values, shape (x.size, y.size), as cells about x and y, which have any order; return the mesh."""
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    i, j = np.argsort(x), np.argsort(y)
+    axes.grid(False)
+    return axes.pcolormesh(_sides(x[i]), _sides(y[j]), values[i][:, j].T, **look)
 
 
 def _sides(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the sides of cells about increasing values, shape (n + 1,)."""
+    """Return the sides of cells about values that rise, shape (n + 1,)."""
     if values.size == 1:
-        return values + 0.5 * (abs(values) or 1.0) * np.array([-1.0, 1.0])
+        half = 0.05 * abs(values[0]) or 0.5
+        return np.array([values[0] - half, values[0] + half])
     middle = 0.5 * (values[1:] + values[:-1])
     return np.concatenate([[2.0 * values[0] - middle[0]], middle, [2.0 * values[-1] - middle[-1]]])
 
@@ -273,7 +272,8 @@ def sweep_curves(
 
 def _curve(figure: Any, axes: Any, sweep: Sweep, name: str, units: Mapping[str, str]) -> None:
     ((parameter, values),) = (sweep.points.axes or {}).items()
-    axes.plot(values, sweep[name], ".-", color=COLORS[1], linewidth=stroke(1.2), markersize=4)
+    order = np.argsort(values)
+    axes.plot(np.asarray(values)[order], sweep[name][order], ".-", color=COLORS[1], linewidth=stroke(1.2), markersize=4)
     axes.set(xlabel=_named(parameter, units), ylabel=_named(name, units))
 
 
@@ -281,9 +281,8 @@ def _map(figure: Any, axes: Any, sweep: Sweep, name: str, units: Mapping[str, st
     rows: Any
     columns: Any
     (first, rows), (second, columns) = (sweep.points.axes or {}).items()
-    cells = _Cells(rows, columns)
-    image = axes.pcolormesh(*cells.sides, cells.sorted(np.asarray(sweep[name], dtype=float)).T, cmap="viridis")
-    axes.grid(False)
+    values = np.ma.masked_invalid(np.asarray(sweep[name], dtype=float))
+    image = _mesh(axes, rows, columns, values, cmap="viridis")
     axes.set(xlabel=_named(first, units), ylabel=_named(second, units))
     # Cells reach half a distance beyond the outermost points, where nothing was computed.
     for limits, series in ((axes.set_xlim, rows), (axes.set_ylim, columns)):

@@ -51,7 +51,8 @@ class Stroboscope:
         return tuple(point.name for point in self._of(scene))
 
     def _of(self, scene: Scene) -> tuple[Any, ...]:
-        return tuple(as_point("points", point, scene.bodies) for point in self.points) or (first_point(scene),)
+        given = tuple(as_point("points", point, scene.bodies) for point in self.points)
+        return given or (first_point(scene, "points"),)
 
 
 def stroboscope(what: str, points: Any, period: float | None, periods: int, skip: int, method: str) -> Stroboscope:
@@ -61,13 +62,14 @@ def stroboscope(what: str, points: Any, period: float | None, periods: int, skip
     return Stroboscope(chosen, period, whole(f"{what}: periods", periods), skipped, method)
 
 
-def first_point(scene: Scene) -> Any:
+def first_point(scene: Scene, argument: str) -> Any:
     """Return the point of the first contact of a scene.
 
+    `argument`: how a user names another one.
     Raises `ArgumentError` if there is none.
     """
     if not scene.contacts:
-        raise ArgumentError("the scene has no contact whose point could be looked at; give points=")
+        raise ArgumentError(f"the scene has no contact whose point could be looked at; give {argument}=")
     return scene.contacts[0].points()[0]
 
 

@@ -113,5 +113,5 @@ def _state(
     return {
         "stable": stable,
         "multiplier": leading,
-        "amplitude": orbit.amplitude(first_point(scene) if point is None else point),
+        "amplitude": orbit.amplitude(first_point(scene, "point") if point is None else point),
     }
