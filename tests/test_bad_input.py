@@ -153,6 +153,12 @@ CASES += [
       for v in (-1.0, "x", [], None)),
     *((lambda v=v: vf.modes(scene()[1], 2, closed=v), "no contact is named") for v in (3, None, contact())),
     *((lambda v=v: run()[1].to_xarray(v), "to_xarray: a point is") for v in (3, NAN, object())),
+    *((lambda v=v: run()[1].save("x.vtkhdf", overwrite=v), "overwrite is .*, expected True or False")
+      for v in (None, "no", 0, NAN, np.ones(2))),
+    *((lambda k=k, v=v: vf.dump_scene(scene()[1], "x.toml", **{k: v}), f"dump_scene: {k} is .*vf.load_scene returns")
+      for k in ("run", "output", "respond") for v in (3, vf.Mass(1.0), run()[1])),
+    (lambda: vf.dump_scene(beam(), "x.toml"), "dump_scene: scene is"),
+    (lambda: vf.dump_scene(scene()[1], "x.toml", overwrite="no"), "overwrite is 'no', expected True or False"),
     *((lambda v=v: vf.quasi_static(scene()[1], v), "load_factors") for v in ([], "x", [[1.0, 2.0]])),
     *((lambda v=v: in_this_process(vf.bifurcation_diagram, lambda w: scene()[1], v), "bifurcation_diagram: values")
       for v in ("x", {}, [], [[1.0]], [NAN], object())),

@@ -226,6 +226,19 @@ def test_the_spectrum_of_a_run_at_rest_is_drawn(kind, tmp_path):
     assert plot.spectrum(vf.simulate(vf.Scene([mass]), 1.0), mass, tmp_path / "a.png", kind=kind).exists()
 
 
+def test_labels_are_texts(orbit):
+    mass, steady = orbit
+    diagram = vf.bifurcation_diagram(impact_oscillator, [0.6], periods=1, skip=1, executor="serial")
+    branch = vf.continuation(impact_oscillator, 0.6, 0.605, guess=steady)
+    for label in (None, 3, ["m"]):
+        for draw in (
+            lambda label: plot.bifurcation(diagram, label=label),
+            lambda label: plot.response_curve(branch, mass, parameter=label),
+        ):
+            with pytest.raises(vf.ArgumentError, match=r"a label of a picture is .*, expected a text"):
+                draw(label)
+
+
 def test_the_spectrum_of_a_run_has_its_frequency():
     mass = vf.Mass(1.0, stiffness=(2.0 * np.pi * 3.0) ** 2, name="m")
     result = vf.simulate(vf.Scene([mass], initial={mass: (0.01, 0.0)}), 20.0)

@@ -134,6 +134,13 @@ def whole(what: str, value: Any, least: int = 1, most: int | None = None) -> int
     return int(value)
 
 
+def flag(what: str, value: Any) -> bool:
+    """Return `value` as a bool if it is one, of numpy too, or raise `ArgumentError` naming `what`."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise wrong(what, repr(value), "True or False")
+    return bool(value)
+
+
 def array(what: str, values: Any, *, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
     """Return `values` as a new float array of finite numbers, or raise `ArgumentError` naming `what`.
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, ParamSpec
 
-from vofem._validate import one_of
+from vofem._validate import flag, one_of
 from vofem.errors import ArgumentError, OutputError
 
 #: Where a system keeps its devices; a file put there is lost at the next start.
@@ -124,9 +124,10 @@ def replacing(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
 
     `overwrite`: whether a file of that name is replaced. If not, it is refused before the block and, where another
     process has made it meanwhile, after it.
+    Raises `ArgumentError` if `overwrite` is neither True nor False.
     Raises `OutputError` if the file cannot be written, or is a device, a pipe or a socket.
     """
-    if not overwrite:
+    if not flag("overwrite", overwrite):
         refuse_existing(path)
     path = _real(path)
     temporary = _hidden_name(path)

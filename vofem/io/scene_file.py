@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from vofem._validate import nearest
+from vofem._validate import nearest, wrong
 from vofem.effects.kinds import AtPoint
 from vofem.errors import ArgumentError, SceneFileError
 from vofem.files.whole import path_of, target, write_text
@@ -21,7 +21,7 @@ from vofem.io.scenes.settings import RunSettings as RunSettings
 from vofem.parameters import changed
 from vofem.parameters.place import Book, Place
 from vofem.result import Result
-from vofem.scene import Scene
+from vofem.scene import Scene, as_scene
 from vofem.simulate.simulation import simulate
 
 
@@ -161,13 +161,22 @@ def dump_scene(
     Raises
     ------
     ArgumentError
-        If the path has another suffix.
+        If the path has another suffix, or an argument is of another kind.
     SceneFileError
         If the scene contains something that a scene file cannot hold, such as a Python function or two springs of one
         name, or if no number stands where `respond` says.
     OutputError
         If the file exists and is not to be overwritten, or cannot be written. What was there stays as it was.
     """
+    as_scene("dump_scene", scene)
+    for name, given, kind in (
+        ("run", run, RunSettings),
+        ("output", output, OutputSettings),
+        ("respond", respond, RespondSettings),
+    ):
+        if not (given is None or isinstance(given, kind)):
+            cure = f"; give file.{name} of the file that vf.load_scene returns"
+            raise wrong(f"dump_scene: {name}", repr(given), f"vofem.io.scene_file.{kind.__name__}", cure)
     file = target(path, (".toml",))
     text = scene_to_toml(scene, run, output, file.parent, respond)
     return write_text(file, text, overwrite=overwrite)

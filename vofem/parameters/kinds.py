@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import HUGE, MANY, array, choice, number, one_of, whole, wrong
+from vofem._validate import HUGE, MANY, array, choice, flag, number, one_of, whole, wrong
 from vofem.errors import ArgumentError
 from vofem.parameters.place import INVALID, Book, Invalid, Place
 
@@ -167,9 +167,7 @@ class Flag(Kind):
 
     def check(self, what: str, value: Any) -> bool:
         """Return a bool."""
-        if not isinstance(value, (bool, np.bool_)):
-            raise ArgumentError(f"{what} is {value!r}, expected True or False")
-        return bool(value)
+        return flag(what, value)
 
     def read(self, value: Any, place: Place) -> bool | Invalid:
         """Return a bool; its names in TOML are small."""

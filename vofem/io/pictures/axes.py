@@ -242,7 +242,9 @@ def write_figure(figure: Any, path: Path, **options: Any) -> None:
 
 
 def plain(text: str) -> str:
-    """Return a name as matplotlib shows it unchanged."""
+    """Return a name as matplotlib shows it unchanged; raise `ArgumentError` if a label is no text."""
+    if not isinstance(text, str):
+        raise wrong("a label of a picture", repr(text), "a text, such as 'gap [mm]'")
     return text.replace("$", r"\$")
 
 
