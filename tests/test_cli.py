@@ -105,7 +105,9 @@ def test_faults_have_exit_code_1_and_no_traceback(scene, words, message, capsys)
     assert "Traceback" not in err
 
 
-@pytest.mark.parametrize("words", [["--t-end", "-1"], ["--t-end", "nan"], ["--method", "evnt_driven"]])
+@pytest.mark.parametrize(
+    "words", [["--t-end", "-1"], ["--t-end", "nan"], ["--t-start", "-1"], ["--method", "evnt_driven"]]
+)
 def test_wrong_options_are_named_before_anything_is_printed_or_made(scene, words, capsys):
     scene.write_text(SHORT.replace("t_end = 6.0", "t_end = 6.0\ntimes = [0.0, 3.0, 6.0]"))
     assert cli.main(["run", str(scene), *words]) == 1
@@ -141,8 +143,15 @@ def test_a_file_without_run_needs_t_end(scene, capsys, tmp_path):
 
 def test_output_that_cannot_be_written(scene, capsys, tmp_path):
     (tmp_path / "taken").write_text("")
-    assert cli.main(["run", str(scene), "--output", str(tmp_path / "taken")]) == 1
-    assert "the folder" in capsys.readouterr().err
+    for words, reason in (
+        (["--output", "taken"], "the folder taken cannot be made: it is a file; choose another place"),
+        (["--save", "run.txt"], "path is 'run.txt', expected a name that ends in"),
+        (["--save", "none/run.vtkhdf"], "the folder none does not exist"),
+    ):
+        assert cli.main(["run", str(scene), *words]) == 1
+        said = capsys.readouterr()
+        assert said.out == ""
+        assert reason in said.err
 
 
 @pytest.mark.parametrize("words", [[], ["fly"], ["run"], ["run", "a.toml", "--t-end", "x"], ["explain", "a", "b"]])

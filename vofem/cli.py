@@ -170,7 +170,8 @@ def _made(folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"the folder {folder} cannot be made: {error.strerror or error}") from error
+        reason = "it is a file" if os.path.isfile(folder) else error.strerror or error
+        raise OutputError(f"the folder {folder} cannot be made: {reason}; choose another place") from error
     return folder
 
 
@@ -276,14 +277,13 @@ def _run(arguments: argparse.Namespace) -> int:
     from vofem.simulate.explanation import explain
 
     file = load_scene(arguments.scene)
-    # Checked before anything is printed or made.
+    # Checked before anything is made or printed.
     if arguments.method is not None:
         choice("--method", arguments.method, ("auto", *method_names()))
     if arguments.t_end is not None:
         number("--t-end", arguments.t_end, positive=True)
-    print(explain(file.scene, *_limits(file)))
-    _print_method(file, arguments.method)
-    print(flush=True)
+    if arguments.t_start is not None:
+        number("--t-start", arguments.t_start, minimum=0)
     # The folder is made first, so that a long run does not end because it cannot be made.
     folder = _output(arguments, arguments.scene)
     if arguments.save is not None:
@@ -294,6 +294,9 @@ def _run(arguments: argparse.Namespace) -> int:
         if not arguments.overwrite:
             refuse_existing(arguments.save, "add --overwrite, or choose another name")
         check_target(arguments.save, overwrite=True)
+    print(explain(file.scene, *_limits(file)))
+    _print_method(file, arguments.method)
+    print(flush=True)
     with blas_threads(file.scene.model.system.size):
         return _simulated(arguments, file, folder)
 
