@@ -226,6 +226,16 @@ def test_the_spectrum_of_a_run_at_rest_is_drawn(kind, tmp_path):
     assert plot.spectrum(vf.simulate(vf.Scene([mass]), 1.0), mass, tmp_path / "a.png", kind=kind).exists()
 
 
+def test_impacts_are_counted_in_whole_numbers_and_none_is_left_out_silently():
+    ball = vf.Mass(1.0, name="ball")
+    floor = vf.RigidStop(ball, gap=0.0, restitution=0.8, side="below", name="floor")
+    result = vf.simulate(vf.Scene([ball], [vf.Gravity(9.81), floor], initial={ball: (0.5, 0.0)}), 3.0)
+    axes = np.ravel(plot.impact_statistics(result))
+    count = result.contacts["floor"].impacts.closing.size
+    assert [one.get_xlabel() for one in axes[:2]] == [f"peak force of 1 of {count} impacts [N]", "impulse [N s]"]
+    assert all(float(tick).is_integer() for one in axes for tick in one.get_yticks())
+
+
 def test_labels_are_texts(orbit):
     mass, steady = orbit
     diagram = vf.bifurcation_diagram(impact_oscillator, [0.6], periods=1, skip=1, executor="serial")

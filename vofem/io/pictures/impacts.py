@@ -105,6 +105,8 @@ def impact_statistics(
     ArgumentError
         If the contact is unknown, has no impacts in the window, or has forces that cannot be computed from the run.
     """
+    from matplotlib.ticker import MaxNLocator
+
     history, path = _one(result, contact, path, "impact_statistics")
     bins = whole("impact_statistics: bins", bins, most=_MOST_BINS)
     begin, end = window_of("impact_statistics", window, float(result.solution.t_end))
@@ -117,7 +119,11 @@ def impact_statistics(
     canvas = Canvas("impact_statistics", path, ax, (9.6, 6.4), 2, 2)
     for axes, (field, label, kind) in zip(canvas.grid.flat, _QUANTITIES, strict=True):
         values = getattr(impacts, field)[within]
-        values = values[np.isfinite(values)]
+        known = np.isfinite(values)
+        if not known.all():
+            # As the peak force of an impact at a rigid stop, which has no bound.
+            label = f"{label} of {known.sum()} of {known.size} impacts"
+        values = values[known]
         unit = "s" if kind is None else getattr(history.units, kind)
         unit = f"{unit}/s" if kind == "coordinate" else unit
         factor, unit = prefixed(float(np.max(np.abs(values), initial=0.0)), unit)
@@ -125,6 +131,8 @@ def impact_statistics(
         if values.size:
             axes.axvline(values.mean() / factor, color=ink(), linestyle="--", linewidth=1.0)
         axes.set(xlabel=f"{label} [{unit}]", ylabel="impacts [-]")
+        if axes.get_yscale() == "linear":
+            axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     rate = int(np.sum(within)) / (end - begin)
     title = f"{history.name}: {int(np.sum(within))} impacts from {begin:g} to {end:g} s, {rate:.3g} a second"
     canvas.grid[0, 0].set_title(plain(title), fontsize=text_size(11), loc="left")

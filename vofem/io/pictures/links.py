@@ -78,14 +78,16 @@ def _forces(drawing: Drawing, layout: Layout, push: Push, taken: list[float]) ->
             start, end = ((x, y), (x, y + size)) if value > 0.0 else ((x, y + size), (x, y))
         if size >= _SHORT * unit:
             drawing.arrow(start, end, unit, LOAD)
-        tops.append((max(start[0], end[0]), max(start[1], end[1])))
+        tops.append((max(start[0], end[0]), max(start[1], end[1]), y))
     k = int(np.argmax(np.abs(push.values)))
-    x, y = tops[k]
+    x, y, face = tops[k]
     text = spell(float(push.values[k]), _UNITS[push.kind])
     size = 19.0 * layout.text
+    # Above the face of the body, where the arrow is short.
+    beside = max(y - 0.3 * size, face + 0.7 * size)
     places = [
-        Label(x + 12.0 * unit, y - 0.3 * size, text, LOAD, size, "left", bold=True),
-        Label(x - 12.0 * unit, y - 0.3 * size, text, LOAD, size, "right", bold=True),
+        Label(x + 12.0 * unit, beside, text, LOAD, size, "left", bold=True),
+        Label(x - 12.0 * unit, beside, text, LOAD, size, "right", bold=True),
         Label(x, y + 0.8 * size, text, LOAD, size, "center", bold=True),
     ]
     drawing.place(places[0], places[1:])
