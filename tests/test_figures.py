@@ -247,6 +247,20 @@ def test_labels_are_texts(orbit):
         ):
             with pytest.raises(vf.ArgumentError, match=r"a label of a picture is .*, expected a text"):
                 draw(label)
+    # One branch needs no list around it, and two labels are no text of two letters.
+    drawn = [len(plot.bifurcation(diagram, branches=given).lines) for given in (branch, [branch], ())]
+    assert drawn[0] == drawn[1] > drawn[2]
+    states = vf.stability_map(lambda x, y: impact_oscillator(x), [0.6], [0.0], executor="serial")
+    swept = vf.sweep(lambda x: {"y": x}, {"x": [1.0]}, executor="serial")
+    for draw, message in (
+        (lambda: plot.bifurcation(diagram, branches=[steady]), "branches is .* expected a Branch"),
+        (lambda: plot.bifurcation(diagram, ylim=1.0), r"ylim has shape \(\), expected \(2,\)"),
+        (lambda: plot.state_map(states, labels="xy"), "state_map: labels is 'xy', expected two texts"),
+        (lambda: plot.sweep_curves(swept, units="m"), "units is 'm', expected a dict"),
+        (lambda: plot.sweep_curves(swept, names=3), "3"),
+    ):
+        with pytest.raises(vf.ArgumentError, match=message):
+            draw()
 
 
 def test_the_spectrum_of_a_run_has_its_frequency():

@@ -492,6 +492,8 @@ def test_the_stiffness_of_a_beam_is_found_in_any_unit_of_length(length: float) -
     frequencies = vf.modes(vf.Scene([beam(2.0)])).frequencies[:3]
     found = vf.fit(vf.Scene([beam(1.5)]), [vf.Parameter("beam", "EI")], vf.MeasuredFrequencies(frequencies, 0.01))
     assert found.values[0] / length**3 == pytest.approx(2.0, rel=1e-9)
+
+
 def test_a_step_of_one_number_is_not_small_because_another_one_is_large_in_its_unit() -> None:
     """SciPy compares the length of a step, here of N/m and N s/m together, with that of all unknowns: 74 % off."""
     times = np.linspace(0.01, 3.0, 300)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import choice
+from vofem._validate import array, choice, listed, wrong
 from vofem.errors import ArgumentError
 from vofem.fitting import Fit
 from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, figure, ink, legend, plain, single, stroke, text_size
@@ -34,7 +34,7 @@ def bifurcation(
     path: Where = None,
     *,
     point: Any = None,
-    branches: Sequence[Branch] = (),
+    branches: Branch | Sequence[Branch] = (),
     label: str = "parameter",
     ylim: tuple[float, float] | None = None,
     ax: Any = None,
@@ -46,7 +46,7 @@ def bifurcation(
     diagram : BifurcationDiagram
     point : point, optional
         The point whose displacement is drawn. The default is the first one of the diagram.
-    branches : sequence of Branch
+    branches : Branch, or sequence of Branch
         Their stable parts are drawn as solid lines, the others dashed.
     label : str
         Label of the axis: name and unit of the parameter.
@@ -56,8 +56,12 @@ def bifurcation(
     Raises
     ------
     ArgumentError
-        If the diagram has no such point.
+        If the diagram has no such point, or an argument is of another kind.
     """
+    drawn = (branches,) if isinstance(branches, Branch) else branches
+    if not isinstance(drawn, (list, tuple)) or not all(isinstance(one, Branch) for one in drawn):
+        raise wrong("bifurcation: branches", repr(branches), "a Branch of vofem.continuation, or a list of them")
+    limits = None if ylim is None else array("bifurcation: ylim", ylim, shape=(2,))
     canvas, axes = single("bifurcation", path, ax, (9.0, 5.2))
     size = float(np.clip(_AREA / diagram.values.size, 0.8, 3.5))
     for color, start in zip((COLORS[1], COLORS[0], COLORS[2]), diagram.samples, strict=False):
@@ -67,7 +71,7 @@ def bifurcation(
             values.ravel(), samples.ravel(), "o", color=color, markersize=size, markeredgewidth=0, rasterized=True
         )
         axes.plot([], [], "o", color=color, markersize=4, label=_STARTS[start])
-    for branch in branches:
+    for branch in drawn:
         positions, marked = (
             np.array([_positions(one, branch.periods, diagram, point) for one in every])
             for every in (branch.orbits, [special.orbit for special in branch.special])
@@ -80,8 +84,8 @@ def bifurcation(
             mark, _, name = MARKS[special.kind]
             axes.plot(values, position, mark, color=ink(), mfc="white", markersize=6, linestyle="none", label=name)
     axes.set(xlabel=plain(label), ylabel="displacement once a period [m]")
-    if ylim is not None:
-        axes.set_ylim(*ylim)
+    if limits is not None:
+        axes.set_ylim(*limits)
     legend(axes, most=12)
     return canvas
 
@@ -126,8 +130,8 @@ def basin_map(basins: Basins, path: Where = None, *, labels: tuple[str, str] | N
     norm = BoundaryNorm(np.arange(len(colors) + 1) - 0.5, len(colors))
     _mesh(axes, rows, columns, index, cmap=ListedColormap(colors), norm=norm)
     units = {"displacement": " [m]", "velocity": " [m/s]"}
-    xlabel, ylabel = labels or (name + units.get(name, "") for name in (first, second))
-    axes.set(xlabel=plain(xlabel), ylabel=plain(ylabel))
+    named = tuple(name + units.get(name, "") for name in (first, second))
+    _name_axes(axes, "basin_map", named if labels is None else labels)
     handles = [Patch(color=color, label=plain(name)) for color, name in zip(colors[:-1], names, strict=False)]
     if np.any(index == len(colors) - 1):
         handles.append(Patch(color=colors[-1], label="others, or failed" if len(names) > _MOST else "failed"))
@@ -179,10 +183,17 @@ def state_map(
         handles.append(Patch(facecolor="white", edgecolor=ink(), hatch="////", label="unstable"))
     if found.failed:
         handles.append(Patch(color="#d7dade", label="no such orbit found"))
-    axes.set(xlabel=plain(labels[0]), ylabel=plain(labels[1]))
+    _name_axes(axes, "state_map", labels)
     if handles:
         axes.legend(handles=handles, loc="upper right", fontsize=text_size(9.0))
     return canvas
+
+
+def _name_axes(axes: Any, what: str, labels: Any) -> None:
+    """Write the labels of two parameters at the axes; raise `ArgumentError` if these are not two texts."""
+    if not isinstance(labels, (tuple, list)) or len(labels) != 2:
+        raise wrong(f"{what}: labels", repr(labels), "two texts, one for each axis")
+    axes.set(xlabel=plain(labels[0]), ylabel=plain(labels[1]))
 
 
 def _cells(x: NDArray[np.float64], y: NDArray[np.float64], chosen: NDArray[np.bool_]) -> list[Any]:
@@ -248,7 +259,9 @@ def sweep_curves(
     ArgumentError
         If the points are not a grid of one or two parameters, or no quantity can be drawn.
     """
-    names = (names,) if isinstance(names, str) else names
+    wanted = list(sweep) if names is None else listed(names)
+    if not (units is None or isinstance(units, Mapping)):
+        raise wrong("sweep_curves: units", repr(units), "a dict of units by names, such as {'gap': 'mm'}")
     axes_values = sweep.points.axes
     if (
         axes_values is None
@@ -261,7 +274,7 @@ def sweep_curves(
     ):
         raise ArgumentError(f"sweep_curves: {sweep!r} is no grid of one or two parameters that are numbers")
     dimensions = len(axes_values)
-    chosen = [name for name in names or sweep if sweep[name].ndim == dimensions and sweep[name].dtype.kind in "biuf"]
+    chosen = [name for name in wanted if sweep[name].ndim == dimensions and sweep[name].dtype.kind in "biuf"]
     if not chosen:
         raise ArgumentError(f"sweep_curves: {sweep!r} has no quantity that is one number a point")
     canvas = Canvas("sweep_curves", path, ax, (_PANEL[0], _PANEL[1] * len(chosen)), len(chosen), 1)
