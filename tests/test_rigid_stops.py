@@ -118,15 +118,31 @@ def test_masses_exchange_their_velocities_one_impact_after_the_other() -> None:
     assert result.energy.balance_error < 1e-14
 
 
-def test_rounding_of_impacts_is_no_impact() -> None:
-    """Bodies that an impact has left at rest but for rounding do not bounce off each other: 4 of 3 impacts at r3."""
-    masses = [vf.Mass(1.0, stiffness=1.0, name=f"m{k}") for k in range(6)]
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("count", [5, 6, 9])
+def test_rounding_of_impacts_is_no_impact(count: int, compiled: bool) -> None:
+    """Bodies that an impact has left at rest but for rounding neither bounce off each other nor press on each other."""
+    masses = [vf.Mass(1.0, stiffness=1.0, name=f"m{k}") for k in range(count)]
     stops = [vf.RigidStop(a, b, gap=0.0, restitution=1.0) for a, b in itertools.pairwise(masses)]
     scene = vf.Scene(masses, stops, initial={masses[-1]: (0.3, 0.0)})
-    result = vf.simulate(scene, 10.0, method="event_driven", compiled=False)
-    assert [len(contact.impacts) for contact in result.contacts.values()] == [3] * 5
+    result = vf.simulate(scene, 10.0, method="event_driven", compiled=compiled)
+    assert [len(contact.impacts) for contact in result.contacts.values()] == [3] * (count - 1)
+    assert not any(contact.pinned.size for contact in result.contacts.values())
     assert not result.notes
     assert result.displacement(masses[0])[-1] == pytest.approx(0.3 * np.cos(10.0), rel=1e-12)
+
+
+def test_what_is_pressed_on_its_stop_by_another_body_at_rest_stays_there_from_the_start() -> None:
+    """The lower body's own load lifts it, and what lies on it is heavier. It rested 1e-17 s late, after an impact."""
+    low, high = vf.Mass(1.0, name="low"), vf.Mass(1.0, name="high")
+    floor = vf.RigidStop(low, gap=0.0, restitution=0.0, side="below", name="floor")
+    between = vf.RigidStop(low, high, gap=0.0, restitution=0.0, name="between")
+    loads = [vf.PointLoad(low, 1.0), vf.PointLoad(high, -2.0)]
+    result = vf.simulate(vf.Scene([low, high], [floor, between, *loads]), 1.0, method="event_driven")
+    for name, force in (("floor", 1.0), ("between", 2.0)):
+        np.testing.assert_array_equal(result.contacts[name].pinned, [[0.0, 1.0]])
+        np.testing.assert_allclose(result.contacts[name].force, force, rtol=1e-12)
+    assert result.counters.steps == 1
 
 
 def test_at_equal_speeds_the_stop_acts_that_the_scene_has_first_and_those_without_restitution_act_last() -> None:

@@ -86,8 +86,8 @@ class Follower:
         self._run[BOUNCES] = 0
         self._run[MODES_OF_RUN:SEARCH] = n, contacts, loads.size, loads.kind.size, drift.shape[2], 0, 0
         self._time, self._state, self._gaps = np.zeros(1), np.zeros((2, n)), np.zeros(contacts)
-        # The largest speed of approach of each rigid stop.
-        self._largest = np.zeros(contacts)
+        # The largest speed of approach of each rigid stop, and the largest modal displacements and velocities so far.
+        self._largest, self._seen = np.zeros(contacts), np.zeros((2, n))
         laws = solution.system.cache.get("laws of the loop", pin_fraction, self._laws_of_system)
         rows = solution.space.contacts
         row_sizes = rows if solution.system.contacts is None else solution.row_sizes
@@ -96,7 +96,8 @@ class Follower:
             loads.edges, loads.states, loads.kind, loads.omega, loads.bend, drift, rows, row_sizes, laws, frequencies
         ]  # fmt: skip
         # Arrays of the loop in the order of their places, up to those of the record.
-        self._arrays = [*map(np.ascontiguousarray, given), self._largest, self._time, self._state, self._gaps]
+        now = [self._largest, self._seen, self._time, self._state, self._gaps]
+        self._arrays = [*map(np.ascontiguousarray, given), *now]
 
     def _laws_of_system(self) -> Array:
         """Return the array of the laws, see `loop.GAP`."""

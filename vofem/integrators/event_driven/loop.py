@@ -63,12 +63,13 @@ MODES_OF_RUN, CONTACTS, LOADS, INTERVALS, DRIFTING, SEGMENT_ROOM, EVENT_ROOM, SE
 
 #: Then places of arrays: of the loads, see `Exosystem` and `EventSolution.drift`; of the contacts their rows (c, n),
 #: bounds on the terms that these are summed of, and `LAWS`; the frequencies of the modes (n,); the largest speed of
-#: approach of each rigid stop (c,); the time that has been reached (1,), the modal state (2, n) and the gap functions
-#: (c,); the arrays of the record, see `Buffers`; and work space.
+#: approach of each rigid stop (c,), and the largest modal state of a scene with such stops (2, n); the time that has
+#: been reached (1,), the modal state (2, n) and the gap functions (c,); the arrays of the record, see `Buffers`; and
+#: work space.
 EDGES, STATES, KINDS, OMEGA, BEND, DRIFT, CONTACT_ROWS, CONTACT_SIZES, LAWS, FREQUENCIES = range(17, 27)
-LARGEST, TIME, STATE, GAPS = range(27, 31)
-STARTS, DURATIONS, STATUSES, DISPLACEMENTS, VELOCITIES, SEGMENT_GAPS, LOGGED = range(31, 38)
-EVENT_TIME, EVENT_CONTACT, EVENT_STATUS, WORK_X, WORK_F, WORK_MODAL, WORK_BOTH, NUMBERS = range(38, 46)
+LARGEST, SEEN, TIME, STATE, GAPS = range(27, 32)
+STARTS, DURATIONS, STATUSES, DISPLACEMENTS, VELOCITIES, SEGMENT_GAPS, LOGGED = range(32, 39)
+EVENT_TIME, EVENT_CONTACT, EVENT_STATUS, WORK_X, WORK_F, WORK_MODAL, WORK_BOTH, NUMBERS = range(39, 47)
 
 #: Columns of the array of the laws, (c, 5): the gap in m, the squared norm of the row, two numbers (a contact may be
 #: pinned where its speed squared is below ``pinning + pinning_rate speed``), and the restitution of a rigid stop, which
@@ -78,8 +79,8 @@ GAP, SQUARE_OF_ROW, PINNING, PINNING_RATE, RESTITUTION, COLUMNS = range(6)
 #: Work of the searches of a call, in the unit of `SEARCH_WORK`, after which the loop returns.
 _CALL_WORK = 500_000
 
-#: Share of the terms that a speed is summed of, below which it is zero.
-ZERO_SPEED = 1e-13
+#: A speed or a force below this share of the terms that it is summed of, as large as they have been, is zero.
+ZERO = 1e-13
 
 #: Size of the terms of a contact's coordinate, divided by its own size, above which it counts as a difference of large
 #: numbers.
@@ -112,12 +113,19 @@ def at_gap(row: Array, law: Array, moved: float, displacement: Array) -> None:
 
 
 @jit
-def zero_speed(row: Array, displacement: Array, velocity: Array, frequencies: Array) -> float:
+def _see(seen: Array, displacement: Array, velocity: Array) -> None:
+    """Take a modal state among those whose size tells what is rounding: the largest ones so far, shape (2, n)."""
+    for k in range(displacement.size):
+        seen[0, k], seen[1, k] = max(seen[0, k], abs(displacement[k])), max(seen[1, k], abs(velocity[k]))
+
+
+@jit
+def _zero(row: Array, seen: Array, frequencies: Array) -> float:
     """Return the speed at a contact that is rounding: displacements that are rounded move as they would vibrate."""
     size = 0.0
     for k in range(row.size):
-        size += abs(row[k]) * (abs(velocity[k]) + frequencies[k] * abs(displacement[k]))
-    return ZERO_SPEED * size
+        size += abs(row[k]) * (frequencies[k] * seen[0, k] + seen[1, k])
+    return ZERO * size
 
 
 @jit
@@ -200,6 +208,7 @@ def run_segments(
     row_sizes = shaped(floats(run[CONTACT_SIZES]), (contacts, n))
     laws, gaps = shaped(floats(run[LAWS]), (contacts, COLUMNS)), shaped(floats(run[GAPS]), (contacts,))
     frequencies, largest = shaped(floats(run[FREQUENCIES]), (n,)), shaped(floats(run[LARGEST]), (contacts,))
+    seen, rigid = shaped(floats(run[SEEN]), (2, n)), contacts > 0 and laws[:, RESTITUTION].max() >= 0.0
     time, state = shaped(floats(run[TIME]), (1,)), shaped(floats(run[STATE]), (2, n))
     modal, room, event_room = shaped(floats(run[WORK_MODAL]), (4, n)), run[SEGMENT_ROOM], run[EVENT_ROOM]
     starts, durations = shaped(floats(run[STARTS]), (room,)), shaped(floats(run[DURATIONS]), (room,))
@@ -243,6 +252,8 @@ def run_segments(
             for i in range(drift.shape[2]):
                 offset += drift[kind, contact, i] * begin[0, i]
             at_gap(rows[contact], laws[contact], offset, state[0])
+        if rigid:
+            _see(seen, state[0], state[1])
         copy(state[0], displacement)
         copy(state[1], velocity)
         if slot[SHIFT]:
@@ -324,16 +335,14 @@ def run_segments(
                     offset += drift[kind, contact, i] * begin[0, i]
             copy(state[0], displacement)
             at_gap(rows[contact], laws[contact], offset, displacement)
-            speed = inner(rows[contact], state[1])
-            least = REST * max(largest[contact], speed)
-            if speed <= max(least, zero_speed(rows[contact], displacement, state[1], frequencies)):
+            _see(seen, displacement, state[1])
+            speed, zero = inner(rows[contact], state[1]), _zero(rows[contact], seen, frequencies)
+            if speed <= max(REST * max(largest[contact], speed), zero) or restitution * speed <= zero:
                 return DECISION
             for k in range(n):
                 velocity[k] = state[1, k] - rows[contact, k] * (
                     (1.0 + restitution) * speed / laws[contact, SQUARE_OF_ROW]
                 )
-            if restitution * speed <= zero_speed(rows[contact], displacement, velocity, frequencies):
-                return DECISION
             largest[contact] = max(largest[contact], speed)
             # The state before the impact is a segment of no duration.
             row, e = run[SEGMENTS], run[EVENTS]

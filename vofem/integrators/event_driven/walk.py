@@ -16,7 +16,7 @@ from vofem.arrays import Array
 from vofem.errors import ConvergenceError, EventStormError
 from vofem.integrators.event_driven.bounces import REST, struck
 from vofem.integrators.event_driven.follow import Follower
-from vofem.integrators.event_driven.loop import LEFT, SWITCHED, ZERO_SPEED
+from vofem.integrators.event_driven.loop import LEFT, SWITCHED, ZERO
 from vofem.integrators.event_driven.regime import Regime
 from vofem.integrators.event_driven.search import (
     BEGINNING,
@@ -45,8 +45,6 @@ _MOST_AT_ONCE = 10_000
 #: Events of sliders at one moment, above which they would not end.
 _STALLED = 200
 
-#: Rounding of a speed, as a share of the largest one that a stop has met.
-_EPS = float(np.finfo(float).eps)
 
 #: Share of the time of a search within which an open contact is not told from one that rests at its gap.
 _NEAR = 1e-6
@@ -69,6 +67,7 @@ class Walker(Follower):
         laws = solution.system.contacts
         assert laws is not None
         self._laws, self._rows = laws, solution.space.contacts
+        self._farthest, self._fastest = self._seen
         self._sliders = len(laws) if not isinstance(solution, SlidingSolution) else solution.contact_count
         # Whether the present state is that after a bounce.
         self._bounced = False
@@ -82,6 +81,8 @@ class Walker(Follower):
             assert solution.gaps_now is not None
             self._gaps[:] = solution.gaps_now
             self._triggered = self._changed(solution.record.last_status)
+            parts, rows = solution.record.buffers, slice(solution.record.segments)
+            self._see(np.abs(parts.displacement[rows]).max(axis=0), np.abs(parts.velocity[rows]).max(axis=0))
             if solution.bounces is not None:
                 np.maximum.at(self._largest, solution.bounces.contact, solution.bounces.approach)
         else:
@@ -99,15 +100,23 @@ class Walker(Follower):
 
     def advance(self) -> None:
         """Compute one segment or more, and what the event at the end does."""
-        if isinstance(self.solution, SlidingSolution) or np.any(self._slow() & (self._gaps == 0.0)):
+        moving = self.status != PINNED
+        if isinstance(self.solution, SlidingSolution) or np.any(
+            self._resting(self.solution.t_end - self.time)[1] & moving
+        ):
             self._advance()
         else:
             super().advance()
 
-    def _slow(self) -> NDArray[np.bool_]:
-        """Return which contacts have no speed but for rounding, shape (n_contacts,)."""
-        sizes = np.abs(self._rows) @ np.abs(self.velocity)
-        return np.asarray(np.abs(self._rows @ self.velocity) <= ZERO_SPEED * sizes)
+    def _resting(self, duration: float) -> tuple[Array, NDArray[np.bool_]]:
+        """Return sizes of the contacts' coordinates within a duration, m, and which rest at their gaps, (n_contacts,).
+
+        They do so but for rounding.
+        """
+        with np.errstate(divide="ignore"):
+            time = np.minimum(1.0 / np.sqrt(np.abs(self.solution.space.stiffness)), duration)
+        places = np.abs(self._rows) @ (self._farthest + time * self._fastest)
+        return places, (np.abs(self._gaps) <= ZERO * places) & (np.abs(self._rows @ self.velocity) <= self._zero())
 
     def _take_over(self, functions: Array | None) -> None:
         self._bounced = False
@@ -153,9 +162,20 @@ class Walker(Follower):
                 f"{solution.sliders.labels[0]} among them; rounding hides what happens there. Give them a stiffness"
             )
 
+    def _see(self, displacement: Array, velocity: Array) -> None:
+        """Take a modal state among those whose size tells what is rounding."""
+        for largest, state in zip(self._seen, (displacement, velocity), strict=True):
+            np.maximum(largest, np.abs(state), out=largest)
+
+    def _sizes(self, order: int) -> Array:
+        """Return the sizes of derivatives of the modes by time, as large as they may have been in free motion, (n,)."""
+        frequencies = np.sqrt(np.abs(self.solution.space.stiffness))
+        return np.asarray(frequencies**order * self._farthest + frequencies ** (order - 1) * self._fastest)
+
     def _record(self) -> int:
         """Begin a segment in the present state; return its number."""
         record, self._bounced = self.solution.record, False
+        self._see(self.displacement, self.velocity)
         record.add(self.time, self.status, self.displacement, self.velocity)
         record.buffers.gaps[record.segments - 1] = self._gaps
         record.buffers.durations[record.segments - 1] = 0.0
@@ -176,10 +196,12 @@ class Walker(Follower):
         if regime.spectrum.blocks is not None:
             sizes = self.solution.row_sizes @ np.abs(self.displacement)
             level += np.where(contact, sizes[exits.owner], 0.0)
-        leaving = contact & (start == 0.0) & self._slow()[exits.owner]
+        places, rests = self._resting(duration)
+        leaving = contact & rests[exits.owner]
         if leaving.any():
             # What leaves its stop without speed, as forces slowly change their signs, is not followed from nothing.
-            level += np.where(leaving, self._forces()[exits.owner] * (_NEAR * duration) ** 2, 0.0)
+            near = places + self._forces() * (_NEAR * duration) ** 2
+            level += np.where(leaving, near[exits.owner], 0.0)
         x, f = np.empty((ROWS, begin.shape[1])), np.empty((FUNCTION_ROWS, start.size))
         x[:START], x[START : START + 2] = regime.blocks.of, begin
         f[BEGINNING], f[CONSTANTS] = start, level
@@ -232,10 +254,14 @@ class Walker(Follower):
         )
         self.solution.counters.events += int(np.sum(before[self._sliders :] != self.status[self._sliders :]))
 
+    def _zero(self) -> Array:
+        """Return the speeds at the contacts below which they are rounding, m/s."""
+        return np.asarray(ZERO * (np.abs(self._rows) @ self._sizes(1)))
+
     def _forces(self) -> Array:
         """Return the sizes of the accelerations at the contacts, of which forces may balance each other, m/s^2."""
         solution = self.solution
-        push = solution.space.stiffness * np.abs(self.displacement)
+        push = self._sizes(2)
         for vector, function in zip(solution.load_vectors, solution.load_functions, strict=True):
             push = push + np.abs(vector) * abs(float(function(self.time)))
         return np.asarray(np.abs(self._rows) @ push)
@@ -292,11 +318,10 @@ class Walker(Follower):
         moves it.
         """
         laws, rows, done = self._laws, self._rows, set[int]()
-        # Displacements that are rounded move as quickly as they would vibrate.
-        rounded = np.sqrt(np.abs(self.solution.space.stiffness)) * np.abs(self.displacement)
+        self._see(self.displacement, self.velocity)
         for _ in range(_MOST_AT_ONCE):
             at_rest = laws.rigid & (self.status == PINNED)
-            speed, zero = rows @ self.velocity, ZERO_SPEED * (np.abs(rows) @ (np.abs(self.velocity) + rounded))
+            speed, zero = rows @ self.velocity, self._zero()
             np.maximum(self._largest, speed, out=self._largest, where=touching | at_rest)
             limit = np.maximum(REST * self._largest, zero)
             for j in np.flatnonzero(at_rest & (speed < -limit)).tolist():
@@ -353,33 +378,33 @@ class Walker(Follower):
         """Pin the contacts that no longer move against their stops if forces press them on; else let them go.
 
         One that would have to pull at another stop, so that this holds what rests there, is let go as well. The return
-        value tells whether one that is let go has bounced, after which others may move. `done` holds the numbers of
-        these; `zero` is the rounding of the speeds.
+        value tells whether one has been pinned, which may press others on, or one that is let go has bounced, after
+        which others may move. `done` holds the numbers of these; `zero` is the rounding of the speeds.
         """
-        solution = self.solution
+        solution, before = self.solution, self.status
         space, load = solution.space, solution.load(self.time)
         for j in np.flatnonzero(settled).tolist():
             row = self._rows[j]
             held = self._rows[settled | (self.status == PINNED)]
             velocity = self.velocity - np.linalg.pinv(held) @ (held @ self.velocity)
             force = acceleration(space, None, self.status, self.displacement, velocity, load)
-            pushed, size = self._pushed(int(j), velocity), np.abs(row) @ np.abs(force)
+            pushed, size = self._pushed(int(j), velocity), self._forces()[j]
             pulled = self._pulls(settled, zero)
-            if abs(pushed) <= ZERO_SPEED * size:
+            if abs(pushed) <= ZERO * size:
                 pushed, size = self._begins(row, velocity, force), 0.0
-            if pushed > ZERO_SPEED * size and not (pulled and j not in done):
+            if pushed > ZERO * size and not (pulled and j not in done):
                 if self._bounced:
                     # Others have bounced at the same time: what each impact does is between segments of its own.
                     self._record()
                 self._change(j, PINNED)
-            elif 0.0 < row @ self.velocity <= _EPS * self._largest[j]:
+            elif 0.0 < row @ self.velocity <= zero[j]:
                 # Rounding of faster impacts is none.
                 self.velocity = struck(row, 0.0, self.velocity)
             elif row @ self.velocity > 0.0 and j not in done:
                 self._bounce(j)
                 done.add(j)
                 return True
-        return False
+        return self.status is not before
 
     def _begins(self, row: Array, velocity: Array, force: Array) -> float:
         """Return the first derivative of the push along a row that is not zero, of what does not push yet.
@@ -397,11 +422,11 @@ class Walker(Follower):
             loads, sizes = loads + terms, sizes + np.abs(terms)
         noise = np.max((sizes @ np.abs(row)) * powers) / powers
         before, after = velocity, force
-        for load, own, least in zip(loads, sizes, noise, strict=True):
-            stiff, damped = space.stiffness * before, space.damping_force(after)
-            before, after = after, load - stiff - damped
-            push = float(row @ after)
-            if abs(push) > ZERO_SPEED * max(float(np.abs(row) @ (own + np.abs(stiff) + np.abs(damped))), float(least)):
+        for order, load, own, least in zip(orders, loads, sizes, noise, strict=True):
+            damped = space.damping_force(after)
+            before, after = after, load - space.stiffness * before - damped
+            push, size = float(row @ after), own + np.abs(damped) + self._sizes(int(order) + 2)
+            if abs(push) > ZERO * max(float(np.abs(row) @ size), float(least)):
                 return push
         return 0.0
 
