@@ -64,13 +64,12 @@ class Guides:
         push[1] = np.inf
         present, away = np.ones((steps + 1, m), dtype=bool), np.zeros(m)
         anchored, springs = np.zeros((2, m), dtype=bool)
-        pressing, normal, settling = np.full(m, -1), np.zeros((steps + 1, m)), np.full((steps, m), -1)
+        pressing, normal, settling = np.full(m, -1), np.zeros((steps + 1, m)), np.full((steps + 1, m), -1)
         if self.movement is not None:
             present, away = self.movement.present(times[:-1]), self.movement.away
             kind[:, self.movement.tied] = HOLDS
             kind[~self.movement.through(times[:-1])] = ABSENT
-            if self.structure.scheme.mean:
-                settling = self.movement.settling(times[:-1])
+            settling = self.movement.settling(times)
         if self.sliders is not None:
             mine, sliders, part = self.sliders.rows, self.sliders, self.structure.scheme.part
             status = sliders.now.status if status is None else status
@@ -100,6 +99,8 @@ class Guides:
         now = later = self.structure.rows.toarray()
         if self.movement is not None:
             now, later = self.movement.matrix(times[:2]).toarray().reshape(2, *now.shape)
+            jumps = self.movement.settling(times[:2])[0] >= 0
+            later[jumps] = (now + dt * self.movement.matrix(times[:1], rate=True).toarray())[jumps]
         status = np.empty(0, dtype=np.int64) if self.sliders is None else self.sliders.now.status.copy()
         drift, answers = self.drift(path, row, times), now.copy()
         for answer in answers:
@@ -155,10 +156,9 @@ class Guides:
             # What a law stores when its point leaves the beam is lost to it.
             before, after = (ask(self.laws.records, j, STORED, x, x) for x in u[k : k + 2, j].tolist())
             work[k] += after - before
-        if scheme.mean:
-            settling = self.movement.settling(times)
-            comes, law = np.nonzero(settling >= 0)
-            own = settling[comes, law]
-            old, new = steps.v[comes, own] + dt * steps.a[comes + 1, own], steps.v[comes + 1, own]
-            np.add.at(work, comes, 0.5 * self.structure.mass[0, own] * (new**2 - old**2))
+        settling = self.movement.settling(times)
+        comes, law = np.nonzero(settling >= 0)
+        own = settling[comes, law]
+        old, new = steps.v[comes, own] + dt * steps.a[comes + 1, own], steps.v[comes + 1, own]
+        np.add.at(work, comes, 0.5 * self.structure.mass[0, own] * (new**2 - old**2))
         return np.asarray(work)

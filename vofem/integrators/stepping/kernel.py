@@ -13,7 +13,8 @@ of a law let ``y = b_j.w``. Then the coordinate of the law at the end is ``u_p +
 Some rows are no laws at fixed places, see `Rules`: rows that travel change from step to step, some hold their
 coordinate whatever force that takes, and some push with a known force. The reaction of such a row acts between its
 places at both ends of the step, at the time of balance. Where laws do not act by mean forces a held coordinate is that
-of a step ahead, ``q_1 + h v_1 + h^2 w/2``: explicit steps choose that with w, and implicit ones do not oscillate.
+of a step ahead, ``q_1 + h v_1 + h^2 w/2``: explicit steps choose that with w, and implicit ones do not oscillate. A
+mass that comes onto a beam, or leaves it, jumps to its place and velocity; no force leads it there (`Rules.settling`).
 The module `reactions` finds the forces of all rows.
 
 The midpoint rule solves for the correction of an extrapolated mean velocity, twice where that is large: errors of the
@@ -105,8 +106,8 @@ class Rules(NamedTuple):
     #: Laws that know the normal force at both ends of a step, as the last two of five numbers, shape (m,).
     springs: NDArray[np.bool_]
     normal: Array  #: These forces where no law presses, N, shape (steps + 1, m).
-    #: Unknowns, with a weight of -1 in the row, that jump to the velocity of its place after the step; -1 for none.
-    #: Shape (steps, m).
+    #: Unknowns, with a weight of -1 in the row, that jump within the step to the velocity of the row's place, -1 for
+    #: none; one step ahead too. Shape (steps + 1, m).
     settling: NDArray[np.int64]
 
 
@@ -281,6 +282,12 @@ def advance(
             _sum(p, v0, half, earlier if k == 0 else chunk.a[k - 1])
         else:
             _ahead(q0, v0, a0, dt, dt * dt * numbers.cqa, dt * numbers.cva, q1, v1)
+            if rules is not None:
+                for j in range(m):
+                    own = rules.settling[k, j]
+                    if own >= 0:
+                        q1[own] += dot(rows, there + j, q1)
+                        v1[own] += _rate(rows, rules, drift, k, there + j, q1, v1, True)
         for j in range(m):
             if not known:
                 u_before[j], before[j], last[j] = chunk.u[k, j], chunk.damper[k, j], chunk.reaction[k, j]
@@ -350,8 +357,13 @@ def advance(
                             assert drift is not None
                             free[j] = base[j]
                             if not mean:
-                                row += stride
-                                free[j] = dt * dot(rows, row, v1) + drift[0, k + 2, j]
+                                free[j] = drift[0, k + 2, j]
+                                if rules.settling[k + 1, j] >= 0:
+                                    # What jumps after this step is not led there before.
+                                    free[j] += dt * dot(rules.rates, row, q1)
+                                else:
+                                    row += stride
+                                free[j] += dt * dot(rows, row, v1)
                                 free[j] += -drift[0, k + 1, j] if rules.anchored[j] else dot(rows, row, q1)
                     free[j] += per[j] * dot(rows, row, x)
                 answer = call(reactions.address, place, y, 0, y, 0, 0.0, 0.0)
@@ -396,7 +408,7 @@ def advance(
             if dampers or rules is not None:
                 rate[j] = _rate(rows, rules, drift, k, there + j, q1, v1, True)
             if rules is not None:
-                if rules.settling[k, j] >= 0:
+                if mean and rules.settling[k, j] >= 0:
                     v1[rules.settling[k, j]] += rate[j]
                 if rules.stops and (status[j] != rules.status[j] or rate[j] * status[j] < 0.0):
                     return k, solves
@@ -475,5 +487,6 @@ def _prepare(
             _pull(rows, k * stride, (k + 1) * stride, j, whole[KIND, j], mean, numbers.b, -1.0, answer)
             solve(factored, answer)
         for i in range(per.size):
-            row = (k + 2 if whole[KIND, i] != ACTS and not mean else k + 1) * stride + i
+            ahead_of = whole[KIND, i] != ACTS and not mean and rules.settling[k + 1, i] < 0
+            row = (k + 2 if ahead_of else k + 1) * stride + i
             reach[i, j] = per[i] * share * (dot(rows, row, answer) if stride > 0 else compliance[i, j])
