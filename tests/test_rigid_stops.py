@@ -145,6 +145,22 @@ def test_what_is_pressed_on_its_stop_by_another_body_at_rest_stays_there_from_th
     assert result.counters.steps == 1
 
 
+@pytest.mark.parametrize("compiled", [False, True])
+def test_bodies_that_a_plastic_impact_joins_press_on_each_other_by_what_they_do_together(compiled: bool) -> None:
+    """Alone the third body would slow down as the last one does; the free one beside it presses it on."""
+    masses = [
+        vf.Mass(m, stiffness=k, name=f"m{j}")
+        for j, (m, k) in enumerate([(1.0, 1.0), (2.0, 0.0), (1.0, 1.0), (1.0, 1.0)])
+    ]
+    stops = [vf.RigidStop(a, b, gap=0.0, restitution=0.0) for a, b in itertools.pairwise(masses)]
+    scene = vf.Scene(masses, stops, initial={masses[0]: (0.0, 1.0)})
+    result = vf.simulate(scene, 0.5, method="event_driven", compiled=compiled, max_events=400)
+    # The first one leaves at once. The others share its momentum: 1/5 of its speed, with 2/4 of its stiffness.
+    joined, w = result.displacement(masses[3])[-1], np.sqrt(0.5)
+    assert joined == pytest.approx(result.displacement(masses[1])[-1], abs=1e-12)
+    assert joined == pytest.approx(0.2 * np.sin(0.5 * w) / w, rel=1e-9)
+
+
 def test_at_equal_speeds_the_stop_acts_that_the_scene_has_first_and_those_without_restitution_act_last() -> None:
     """Two stops at one place: the speed after the impact tells which of them has acted."""
     mass = vf.Mass(1.0, name="mass")

@@ -409,8 +409,10 @@ class Walker(Follower):
     def _begins(self, row: Array, velocity: Array, force: Array) -> float:
         """Return the first derivative of the push along a row that is not zero, of what does not push yet.
 
-        `velocity`, `force`: modal velocities and accelerations. A derivative of a load counts as zero where the others
-        exceed it by far within the time in which the load changes, as the first one of a cosine does.
+        `velocity`, `force`: modal velocities, and accelerations that stops do not change. Bodies at rest keep together;
+        a row that they hold already is that of the forces alone, and refused where it is pressed. A derivative of a
+        load counts as zero where the others exceed it by far within the time in which the load changes, as the first
+        one of a cosine does.
         """
         solution = self.solution
         space, orders = solution.space, np.arange(1, _MOST_DERIVATIVES + 1)
@@ -421,10 +423,14 @@ class Walker(Follower):
             terms = np.array([float(function.derivative(self.time, int(order))) for order in orders])[:, None] * vector
             loads, sizes = loads + terms, sizes + np.abs(terms)
         noise = np.max((sizes @ np.abs(row)) * powers) / powers
-        before, after = velocity, force
+        held = self._rows[self.status == PINNED]
+        free = np.eye(row.size) - np.linalg.pinv(held) @ held
+        if np.linalg.norm(free @ row) <= _NEAR * np.linalg.norm(row):
+            free = np.eye(row.size)
+        before, after = velocity, free @ force
         for order, load, own, least in zip(orders, loads, sizes, noise, strict=True):
             damped = space.damping_force(after)
-            before, after = after, load - space.stiffness * before - damped
+            before, after = after, free @ (load - space.stiffness * before - damped)
             push, size = float(row @ after), own + np.abs(damped) + self._sizes(int(order) + 2)
             if abs(push) > ZERO * max(float(np.abs(row) @ size), float(least)):
                 return push
