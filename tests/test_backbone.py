@@ -239,7 +239,7 @@ def test_bad_arguments():
 
 def test_a_backbone_on_which_the_motion_vanishes_ends_in_the_same_way_in_other_units(monkeypatch):
     """The size of the motion was that of displacements and half the period, in m and in s."""
-    monkeypatch.setattr("vofem.studies.steady.follow._VANISHED", 0.9)
+    monkeypatch.setattr("vofem.studies.steady.following.follow._VANISHED", 0.9)
     told = []
     for length, time, mass in ((1.0, 1.0, 1.0), (2.0**10, 2.0**-10, 2.0**30)):
         stiffness = mass / time**2

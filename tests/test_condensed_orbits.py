@@ -46,7 +46,7 @@ def test_all_modes_and_few_vectors_on_one_mesh(monkeypatch):
     scene = cantilever(4.0, 110)
     assert condensable(scene.model.system)
     few = vf.periodic(scene)
-    monkeypatch.setattr("vofem.studies.steady.shooting.condensable", lambda system: False)
+    monkeypatch.setattr("vofem.studies.steady.segments.shooting.condensable", lambda system: False)
     every = vf.periodic(cantilever(4.0, 110))
     assert every.truncation is None
     tip = scene.bodies[0].at(1.0)

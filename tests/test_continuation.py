@@ -18,7 +18,7 @@ from scenes import DATA, between_stops, on_stop
 from scipy.integrate import solve_ivp
 
 import vofem as vf
-from vofem.studies.steady.follow import Follower
+from vofem.studies.steady.following.follow import Follower
 
 KINDS = {"pd": "period_doubling", "graze": "grazing", "fold": "fold", "ns": "neimark_sacker"}
 

@@ -509,7 +509,7 @@ def test_a_slider_begins_to_stop_at_the_same_value_in_other_units() -> None:
 @pytest.mark.parametrize("status", [3, 4])
 def test_a_slider_that_does_not_move_at_the_start_of_an_orbit_sticks_there(status: int) -> None:
     """It was said to slide until it stopped at once; equations of its branch were inf, and so were multipliers."""
-    from vofem.studies.steady.signature import signature_of
+    from vofem.studies.steady.segments.signature import signature_of
 
     block = vf.Mass(1.0, stiffness=1.0, name="block")
     pad = vf.Friction(block, coefficient=0.5, normal=2.0, name="pad")

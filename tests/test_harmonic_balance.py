@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from orbit_scenes import bilinear, nlvib_03
 
 import vofem as vf
-from vofem.studies.steady.harmonic_balance import HarmonicBalance
+from vofem.studies.steady.harmonic.balance import HarmonicBalance
 
 P7 = json.loads((Path(__file__).parent / "data" / "orbits" / "P7.json").read_text())
 

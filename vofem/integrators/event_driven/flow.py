@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.errors import EventStormError
-from vofem.integrators.event_driven.follow import follower_of
+from vofem.integrators.event_driven.follow import Follower
 from vofem.integrators.event_driven.modal_space import ModalSpace, modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.integrators.event_driven.solution import EventSolution
@@ -141,6 +141,19 @@ def solution_of(system: System, t_end: float, times: Array, counters: Counters) 
     return SlidingSolution(system, modes_of(with_sliders(system), counters), t_end, times, counters)
 
 
+def follower_of(
+    solution: EventSolution, time: float, status: Status, displacement: Array, velocity: Array, pin_fraction: float,
+    most_events: int,
+) -> Follower:  # fmt: skip
+    """Return what follows a motion: one that knows rigid stops and sliders where there are any."""
+    arguments = solution, time, status, displacement, velocity, pin_fraction, most_events
+    if solution.bounces is None and solution.given.sliders is None:
+        return Follower(*arguments)
+    from vofem.integrators.event_driven.walk import Walker
+
+    return Walker(*arguments)
+
+
 def flow(
     system: System,
     start: Start,
@@ -248,6 +261,7 @@ __all__ = [
     "FlowEvent",
     "Start",
     "flow",
+    "follower_of",
     "modal_state",
     "modes_of",
     "share_modes",

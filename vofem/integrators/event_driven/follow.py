@@ -205,16 +205,3 @@ class Follower:
         self.status = self.solution.enter(
             self.time, self.status, entered, self.displacement, self.velocity, self._pin_fraction
         )
-
-
-def follower_of(
-    solution: EventSolution, time: float, status: Status, displacement: Array, velocity: Array, pin_fraction: float,
-    most_events: int,
-) -> Follower:  # fmt: skip
-    """Return what follows a motion: one that knows rigid stops and sliders where there are any."""
-    arguments = solution, time, status, displacement, velocity, pin_fraction, most_events
-    if solution.bounces is None and solution.given.sliders is None:
-        return Follower(*arguments)
-    from vofem.integrators.event_driven.walk import Walker
-
-    return Walker(*arguments)

@@ -12,8 +12,7 @@ import numpy as np
 from vofem._validate import number, whole
 from vofem.arrays import Array
 from vofem.errors import EventStormError, MethodError
-from vofem.integrators.event_driven.flow import modal_state, solution_of
-from vofem.integrators.event_driven.follow import follower_of
+from vofem.integrators.event_driven.flow import follower_of, modal_state, solution_of
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.truncated import (

@@ -26,13 +26,13 @@ from vofem.parameters.place import Book
 from vofem.scene import Scene
 from vofem.studies.steady import Branch, BranchCounters, Locus, PeriodicOrbit, SpecialPoint
 from vofem.studies.steady.condensed import condensed
-from vofem.studies.steady.family import Family, Interval, problem_of
-from vofem.studies.steady.follow import Follower
-from vofem.studies.steady.harmonic_balance import harmonics_in
-from vofem.studies.steady.near import signature_at
+from vofem.studies.steady.following.family import Family, Interval, problem_of
+from vofem.studies.steady.following.follow import Follower
+from vofem.studies.steady.harmonic.balance import harmonics_in
 from vofem.studies.steady.orbit import OrbitSource, OrbitTruncation
-from vofem.studies.steady.shooting import orbit_result
-from vofem.studies.steady.signature import CLOSES
+from vofem.studies.steady.segments.near import signature_at
+from vofem.studies.steady.segments.shooting import orbit_result
+from vofem.studies.steady.segments.signature import CLOSES
 from vofem.studies.steady.steady_state import as_guess
 from vofem.system import State
 

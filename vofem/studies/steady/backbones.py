@@ -27,14 +27,14 @@ from vofem.laws import CLOSED, OPEN
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.branch import Branch, BranchCounters
 from vofem.studies.steady.condensed import GOOD, Condensed, reduced
-from vofem.studies.steady.family import Interval
-from vofem.studies.steady.follow import Quiet
-from vofem.studies.steady.near import signature_at
+from vofem.studies.steady.following.family import Interval
+from vofem.studies.steady.following.follow import Quiet
+from vofem.studies.steady.following.point import ORIGIN, Point, point_at
 from vofem.studies.steady.newton import Evaluation, raised, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.point import ORIGIN, Point, point_at
 from vofem.studies.steady.problem import Work
-from vofem.studies.steady.shooting import Shooting, flow_refusal
+from vofem.studies.steady.segments.near import signature_at
+from vofem.studies.steady.segments.shooting import Shooting, flow_refusal
 from vofem.system import State, System
 
 #: Steps of Newton's method, and the residual that is small enough.

@@ -14,12 +14,12 @@ from vofem.kernels.mode import compiling_first
 from vofem.progress import COMPILING, Progress, TerminalBar
 from vofem.scene import Scene
 from vofem.studies.steady.branch import Branch
-from vofem.studies.steady.family import METHODS, Family, Interval
-from vofem.studies.steady.follow import LARGEST, REPORTED, Follower
-from vofem.studies.steady.near import in_the_middle
+from vofem.studies.steady.following.family import METHODS, Family, Interval
+from vofem.studies.steady.following.follow import LARGEST, REPORTED, Follower
+from vofem.studies.steady.following.sheets import branch_of
 from vofem.studies.steady.problem import OutOfTime
-from vofem.studies.steady.sheets import branch_of
-from vofem.studies.steady.shooting import Shooting
+from vofem.studies.steady.segments.near import in_the_middle
+from vofem.studies.steady.segments.shooting import Shooting
 from vofem.studies.steady.steady_state import first_orbit
 
 #: Least time in s for the search of the first orbit, if there is a limit.

@@ -21,7 +21,7 @@ from vofem.integrators.event_driven.flow import Start, flow, modal_state, modes_
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.condensed import Condensed, reduced, slowest_decay
 from vofem.studies.steady.loads import load_period
-from vofem.studies.steady.shooting import flow_refusal
+from vofem.studies.steady.segments.shooting import flow_refusal
 from vofem.system import Counters, State, System
 
 #: Stretches of time where no load sets a period, and at least; parts of the run from whose exponents the error is

@@ -15,7 +15,7 @@ from vofem.blas import one_thread
 from vofem.errors import ArgumentError, MethodError, SingularSystemError
 from vofem.lookup import rows_over
 from vofem.scene import Scene, as_scene
-from vofem.studies.steady.linear_rest import Attached, LinearRest, linear_laws
+from vofem.studies.steady.harmonic.linear_rest import Attached, LinearRest, linear_laws
 from vofem.system import Counters, System, refuse_travelling
 from vofem.time_functions import Constant, Scaled, Sine, Sum, as_time_function
 from vofem.vibration import contact_indices

@@ -15,16 +15,16 @@ from vofem.errors import ArgumentError, ConvergenceError, MethodError
 from vofem.kernels.choice import by_need
 from vofem.progress import Progress
 from vofem.scene import Scene
-from vofem.studies.steady.beside import touch
-from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import Curve
-from vofem.studies.steady.census import Test, pair_on_circle, pairs_at_one, real_at, turning
-from vofem.studies.steady.crossings import root
-from vofem.studies.steady.extended import Extended
-from vofem.studies.steady.family import Family, Interval
-from vofem.studies.steady.follow import LARGEST, Follower, charted
-from vofem.studies.steady.point import Point, corrected, level, point_at
-from vofem.studies.steady.shooting import Shooting
+from vofem.studies.steady.following.beside import touch
+from vofem.studies.steady.following.between import Step
+from vofem.studies.steady.following.census import Test, pair_on_circle, pairs_at_one, real_at, turning
+from vofem.studies.steady.following.crossings import root
+from vofem.studies.steady.following.extended import Extended
+from vofem.studies.steady.following.family import Family, Interval
+from vofem.studies.steady.following.follow import LARGEST, Follower, charted
+from vofem.studies.steady.following.point import Point, corrected, level, point_at
+from vofem.studies.steady.segments.shooting import Shooting
 from vofem.studies.steady.special import KINDS, SpecialPoint, special_at
 from vofem.studies.steady.steady_state import as_guess
 
@@ -263,7 +263,7 @@ def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interv
     orbit, value, kind = special.orbit, float(special.value), special.kind
     harmonics = None
     if orbit.method == "harmonic_balance":
-        from vofem.studies.steady.harmonic_balance import harmonics_in
+        from vofem.studies.steady.harmonic.balance import harmonics_in
 
         assert orbit.unknowns is not None
         harmonics = harmonics_in(orbit.scene, orbit.unknowns.size)

@@ -16,16 +16,16 @@ from vofem.errors import ConvergenceError
 from vofem.kernels.choice import by_need
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.condensed import GOOD
-from vofem.studies.steady.family import METHODS, Family, Interval, chosen, problem_of
-from vofem.studies.steady.follow import Quiet
-from vofem.studies.steady.near import orbit_near
+from vofem.studies.steady.following.family import METHODS, Family, Interval, chosen, problem_of
+from vofem.studies.steady.following.follow import Quiet
 from vofem.studies.steady.newton import Solved, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.rebuild import like_guess
-from vofem.studies.steady.shooting import CLOSES, Shooting, relative
+from vofem.studies.steady.segments.near import orbit_near
+from vofem.studies.steady.segments.rebuild import like_guess
+from vofem.studies.steady.segments.shooting import CLOSES, Shooting, relative
 
 if TYPE_CHECKING:
-    from vofem.studies.steady.harmonic_balance import HarmonicBalance
+    from vofem.studies.steady.harmonic.balance import HarmonicBalance
 
 #: Largest number of periods of the loads in a transient.
 MOST_PERIODS = 200

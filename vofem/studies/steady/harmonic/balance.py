@@ -34,18 +34,18 @@ from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.simulation import simulate
 from vofem.studies.steady.condensed import slowest_decay
-from vofem.studies.steady.harmonic_solution import HarmonicMotion, harmonic_result
-from vofem.studies.steady.law_path import LawPaths, nonlinear_groups
-from vofem.studies.steady.linear_rest import FULL, Attached, LinearRest, linear_laws
+from vofem.studies.steady.harmonic.law_path import LawPaths, nonlinear_groups
+from vofem.studies.steady.harmonic.linear_rest import FULL, Attached, LinearRest, linear_laws
+from vofem.studies.steady.harmonic.solution import HarmonicMotion, harmonic_result
+from vofem.studies.steady.harmonic.trigonometric import basis, to_complex, to_real
+from vofem.studies.steady.harmonic.variation import monodromy
 from vofem.studies.steady.loads import load_series
-from vofem.studies.steady.near import orbit_near
 from vofem.studies.steady.newton import ROUNDING, Evaluation, direction
 from vofem.studies.steady.orbit import DECIDED, OrbitSource, OrbitTruncation, PeriodicOrbit
 from vofem.studies.steady.problem import OrbitProblem, Work
-from vofem.studies.steady.shooting import Shooting
-from vofem.studies.steady.signature import SignatureEvaluation
-from vofem.studies.steady.trigonometric import basis, to_complex, to_real
-from vofem.studies.steady.variation import monodromy
+from vofem.studies.steady.segments.near import orbit_near
+from vofem.studies.steady.segments.shooting import Shooting
+from vofem.studies.steady.segments.signature import SignatureEvaluation
 from vofem.system import State, System, refuse_travelling
 
 #: Default number of harmonics for each period of the loads.

@@ -8,10 +8,10 @@ import numpy as np
 
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
-from vofem.studies.steady.extended import Extended
-from vofem.studies.steady.family import Family
-from vofem.studies.steady.point import Point, level, point_at
-from vofem.studies.steady.shooting import Shooting
+from vofem.studies.steady.following.extended import Extended
+from vofem.studies.steady.following.family import Family
+from vofem.studies.steady.following.point import Point, level, point_at
+from vofem.studies.steady.segments.shooting import Shooting
 
 #: How far a flip may lie from where the doubled orbits end, as a share of the interval.
 _NEARBY = 1e-2

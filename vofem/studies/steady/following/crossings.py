@@ -17,8 +17,8 @@ import numpy as np
 
 from vofem.arrays import Array, Complex
 from vofem.errors import ConvergenceError
-from vofem.studies.steady.between import Step, point_between
-from vofem.studies.steady.census import (
+from vofem.studies.steady.following.between import Step, point_between
+from vofem.studies.steady.following.census import (
     ON_CIRCLE,
     Census,
     Test,
@@ -37,10 +37,10 @@ from vofem.studies.steady.census import (
     real_at,
     turning,
 )
-from vofem.studies.steady.extended import Extended
-from vofem.studies.steady.family import Family
-from vofem.studies.steady.point import Point, corrected, point_at
-from vofem.studies.steady.shorter import at_flip, repeats
+from vofem.studies.steady.following.extended import Extended
+from vofem.studies.steady.following.family import Family
+from vofem.studies.steady.following.point import Point, corrected, point_at
+from vofem.studies.steady.following.shorter import at_flip, repeats
 from vofem.studies.steady.special import SpecialPoint, special_at
 
 #: Kind, on the way, of the point at which a branch ends on orbits that repeat earlier.

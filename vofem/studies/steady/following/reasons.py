@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from vofem.studies.steady.gaps import law_of
-from vofem.studies.steady.point import Point
-from vofem.studies.steady.signature import Signature
-from vofem.studies.steady.watched import NEARLY
+from vofem.studies.steady.following.point import Point
+from vofem.studies.steady.following.watched import NEARLY
+from vofem.studies.steady.segments.gaps import law_of
+from vofem.studies.steady.segments.signature import Signature
 from vofem.system import CLOSED, OPEN, PINNED
 
 #: Distance of an extreme from its gap, over the size of the motion, that is told where a branch is lost, and the number

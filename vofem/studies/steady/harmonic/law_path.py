@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.laws import LawGroup, LawSet
-from vofem.studies.steady.trigonometric import basis, crossings, rate, roots, stretches
+from vofem.studies.steady.harmonic.trigonometric import basis, crossings, rate, roots, stretches
 from vofem.system import System
 
 #: Gauss's rule on one panel, and the phase of the fastest product of harmonics that a panel may cover, rad.

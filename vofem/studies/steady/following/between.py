@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from vofem.arrays import Array
-from vofem.studies.steady.family import Family
-from vofem.studies.steady.point import Point, corrected, level, point_at
+from vofem.studies.steady.following.family import Family
+from vofem.studies.steady.following.point import Point, corrected, level, point_at
 
 #: Error of an evaluation that the orbits reach with which special points are located.
 _EXACT = 1e-14

@@ -14,17 +14,17 @@ from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.integrators.observer import deferred_interrupts
 from vofem.progress import Progress, TerminalBar
-from vofem.studies.steady.between import Step, interpolated, point_between, steady
 from vofem.studies.steady.branch import BranchCounters
-from vofem.studies.steady.changes import Passage, ending, passage, resting
-from vofem.studies.steady.crossings import SHORTER, crossings, hidden_beside
-from vofem.studies.steady.family import Family, Interval
-from vofem.studies.steady.near import polished, signature_at
-from vofem.studies.steady.point import ORIGIN, Point, corrected, level, point_at, scales_of, sided
+from vofem.studies.steady.following.between import Step, interpolated, point_between, steady
+from vofem.studies.steady.following.changes import Passage, ending, passage, resting
+from vofem.studies.steady.following.crossings import SHORTER, crossings, hidden_beside
+from vofem.studies.steady.following.family import Family, Interval
+from vofem.studies.steady.following.point import ORIGIN, Point, corrected, level, point_at, scales_of, sided
+from vofem.studies.steady.following.reasons import what_contacts_do
 from vofem.studies.steady.problem import OutOfTime
-from vofem.studies.steady.reasons import what_contacts_do
-from vofem.studies.steady.shooting import CLOSES, Shooting, relative
-from vofem.studies.steady.signature import Signature, SignatureEvaluation, signature_of
+from vofem.studies.steady.segments.near import polished, signature_at
+from vofem.studies.steady.segments.shooting import CLOSES, Shooting, relative
+from vofem.studies.steady.segments.signature import Signature, SignatureEvaluation, signature_of
 from vofem.studies.steady.special import SpecialPoint, special_at
 
 #: First, largest and least step in scaled coordinates.

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vofem.arrays import Array
-from vofem.studies.steady.family import Family
+from vofem.studies.steady.following.family import Family
 from vofem.studies.steady.newton import converged, direction
 from vofem.studies.steady.orbit import PeriodicOrbit
 

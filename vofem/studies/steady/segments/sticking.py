@@ -10,8 +10,8 @@ import numpy as np
 from vofem.arrays import Array
 from vofem.integrators.event_driven.along import Path, Status
 from vofem.laws.friction import DOWN, UP
-from vofem.studies.steady.extremes import LEAST, peak
-from vofem.studies.steady.shooting import FREE, Shooting
+from vofem.studies.steady.segments.extremes import LEAST, peak
+from vofem.studies.steady.segments.shooting import FREE, Shooting
 from vofem.system import CLOSED, PINNED
 
 #: Difference of forces between samples, as a share of the largest one, by which it may lie in another segment.

@@ -35,14 +35,14 @@ from vofem.integrators.event_driven.along import Path
 from vofem.integrators.event_driven.flow import Flow, FlowEvent
 from vofem.laws.friction import DOWN, UP
 from vofem.linalg.eigen import eigenvalues
-from vofem.studies.steady.extremes import LEAST, Extreme, turning_points
-from vofem.studies.steady.gaps import ROUNDING, Gaps, law_of
 from vofem.studies.steady.newton import Evaluation, direction
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
-from vofem.studies.steady.settling import SETTLES, bounces_of, settled
-from vofem.studies.steady.shooting import CLOSES, Shooting, relative, share
-from vofem.studies.steady.sticking import centring, excess, places_of, released
-from vofem.studies.steady.switches import AT_ONCE, Switch, Switches
+from vofem.studies.steady.segments.extremes import LEAST, Extreme, turning_points
+from vofem.studies.steady.segments.gaps import ROUNDING, Gaps, law_of
+from vofem.studies.steady.segments.settling import SETTLES, bounces_of, settled
+from vofem.studies.steady.segments.shooting import CLOSES, Shooting, relative, share
+from vofem.studies.steady.segments.sticking import centring, excess, places_of, released
+from vofem.studies.steady.segments.switches import AT_ONCE, Switch, Switches
 from vofem.system import CLOSED, PINNED
 
 #: Steps of an orbit from which its range is refined, and the least number in a segment.

@@ -17,12 +17,9 @@ import numpy as np
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.laws.friction import DOWN, UP
-from vofem.studies.steady.family import Family
-from vofem.studies.steady.gaps import ROUNDING, jumps, law_of, stops_of
-from vofem.studies.steady.point import Point, corrected, derivative_by_value, point_at, scales_of
-from vofem.studies.steady.signature import Signature, States
-from vofem.studies.steady.switches import AT_ONCE, Switch
-from vofem.studies.steady.watched import (
+from vofem.studies.steady.following.family import Family
+from vofem.studies.steady.following.point import Point, corrected, derivative_by_value, point_at, scales_of
+from vofem.studies.steady.following.watched import (
     STUCK,
     TOGETHER,
     Begun,
@@ -38,6 +35,9 @@ from vofem.studies.steady.watched import (
     stuck_of,
     turn_near,
 )
+from vofem.studies.steady.segments.gaps import ROUNDING, jumps, law_of, stops_of
+from vofem.studies.steady.segments.signature import Signature, States
+from vofem.studies.steady.segments.switches import AT_ONCE, Switch
 from vofem.system import CLOSED, OPEN, PINNED
 
 #: Error of an evaluation of a grazing: as small as rounding allows.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
-from vofem.studies.steady.settling import bounces
+from vofem.studies.steady.segments.settling import bounces
 from vofem.system import OPEN, PINNED
 
 #: Length in rad by which two switches may be in the wrong order: those of several contacts at one time.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vofem.arrays import Complex
 from vofem.errors import ConvergenceError
-from vofem.studies.steady.point import Point
+from vofem.studies.steady.following.point import Point
 
 #: A function of an orbit whose value changes its sign at a special point.
 Test = Callable[[Point], float]

@@ -11,8 +11,8 @@ from vofem.arrays import Array
 from vofem.errors import ArgumentError, ConvergenceError, MethodError, VofemError
 from vofem.scene import Scene
 from vofem.studies.steady.problem import OrbitProblem, Work
-from vofem.studies.steady.rebuild import recompiled
-from vofem.studies.steady.shooting import Shooting, shooting_refusal
+from vofem.studies.steady.segments.rebuild import recompiled
+from vofem.studies.steady.segments.shooting import Shooting, shooting_refusal
 
 #: Methods that find orbits.
 METHODS = ("auto", "shooting", "harmonic_balance")
@@ -59,7 +59,7 @@ def problem_of(
     """
     if method == "harmonic_balance":
         # Most users need shooting alone.
-        from vofem.studies.steady.harmonic_balance import HarmonicBalance
+        from vofem.studies.steady.harmonic.balance import HarmonicBalance
 
         try:
             return HarmonicBalance(what, scene, periods, period=period, harmonics=harmonics, earlier=earlier, work=work)

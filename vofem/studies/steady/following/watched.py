@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.flow import Flow
-from vofem.studies.steady.extremes import Extreme
-from vofem.studies.steady.gaps import ROUNDING, stops_of
-from vofem.studies.steady.point import Point
-from vofem.studies.steady.signature import Signature
-from vofem.studies.steady.switches import AT_ONCE
+from vofem.studies.steady.following.point import Point
+from vofem.studies.steady.segments.extremes import Extreme
+from vofem.studies.steady.segments.gaps import ROUNDING, stops_of
+from vofem.studies.steady.segments.signature import Signature
+from vofem.studies.steady.segments.switches import AT_ONCE
 from vofem.system import PINNED
 
 #: Largest length in rad for which a slider sticks that has just begun to: it lasts before as the square root of the

@@ -14,7 +14,7 @@ from vofem.integrators.event_driven.flow import share_modes
 from vofem.parameters import declarations, is_declared
 from vofem.scene import Scene
 from vofem.studies.steady.condensed import condensable
-from vofem.studies.steady.shooting import MOST_UNKNOWNS
+from vofem.studies.steady.segments.shooting import MOST_UNKNOWNS
 from vofem.system import Load
 from vofem.time_functions import TimeFunction
 

@@ -26,11 +26,11 @@ from numpy.typing import NDArray
 
 from vofem.arrays import Array, Complex
 from vofem.errors import ConvergenceError
-from vofem.studies.steady.extremes import Extreme
-from vofem.studies.steady.family import Family
+from vofem.studies.steady.following.family import Family
 from vofem.studies.steady.newton import ROUNDING, Evaluation, direction, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.signature import Signature, States
+from vofem.studies.steady.segments.extremes import Extreme
+from vofem.studies.steady.segments.signature import Signature, States
 
 #: Steps of Newton's method to a special orbit.
 _STEPS = 12

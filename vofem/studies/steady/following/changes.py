@@ -13,7 +13,7 @@ import numpy as np
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
-from vofem.studies.steady.beside import (
+from vofem.studies.steady.following.beside import (
     ASIDE,
     away_along,
     lasting_of,
@@ -24,16 +24,10 @@ from vofem.studies.steady.beside import (
     slope_along,
     with_length,
 )
-from vofem.studies.steady.between import Step, point_between
-from vofem.studies.steady.family import Family
-from vofem.studies.steady.gaps import ROUNDING, jumps, law_of, stops_of
-from vofem.studies.steady.near import polished
-from vofem.studies.steady.point import Point, level, point_at
-from vofem.studies.steady.shooting import CLOSES
-from vofem.studies.steady.signature import Signature, States, signature_of
-from vofem.studies.steady.sticking import excess
-from vofem.studies.steady.switches import AT_ONCE, Edit
-from vofem.studies.steady.watched import (
+from vofem.studies.steady.following.between import Step, point_between
+from vofem.studies.steady.following.family import Family
+from vofem.studies.steady.following.point import Point, level, point_at
+from vofem.studies.steady.following.watched import (
     NEARLY,
     SAME,
     Change,
@@ -53,6 +47,12 @@ from vofem.studies.steady.watched import (
     vanished,
     watched_at,
 )
+from vofem.studies.steady.segments.gaps import ROUNDING, jumps, law_of, stops_of
+from vofem.studies.steady.segments.near import polished
+from vofem.studies.steady.segments.shooting import CLOSES
+from vofem.studies.steady.segments.signature import Signature, States, signature_of
+from vofem.studies.steady.segments.sticking import excess
+from vofem.studies.steady.segments.switches import AT_ONCE, Edit
 from vofem.system import PINNED
 
 #: Rate at which an extreme moves away from its gap, over the size of the motion and in scaled coordinates, that may be

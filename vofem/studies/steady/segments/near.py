@@ -17,9 +17,9 @@ from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.flow import Flow
 from vofem.studies.steady.newton import Solved, converged, direction, lowered
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.shooting import Shooting, relative
-from vofem.studies.steady.signature import Signature, SignatureEvaluation, States, signature_of
-from vofem.studies.steady.sticking import names_of, places_of
+from vofem.studies.steady.segments.shooting import Shooting, relative
+from vofem.studies.steady.segments.signature import Signature, SignatureEvaluation, States, signature_of
+from vofem.studies.steady.segments.sticking import names_of, places_of
 from vofem.system import PINNED
 
 #: Steps of the state, halvings of one of them, and steps in the lengths of segments.

@@ -10,14 +10,14 @@ import numpy as np
 from vofem.arrays import Array
 from vofem.errors import ArgumentError, ConvergenceError
 from vofem.studies.steady.branch import Branch
-from vofem.studies.steady.family import Family
-from vofem.studies.steady.follow import FIRST, Follower
+from vofem.studies.steady.following.family import Family
+from vofem.studies.steady.following.follow import FIRST, Follower
+from vofem.studies.steady.following.point import Point, corrected, level, point_at
 from vofem.studies.steady.orbit import PeriodicOrbit
-from vofem.studies.steady.point import Point, corrected, level, point_at
-from vofem.studies.steady.shooting import CLOSES
-from vofem.studies.steady.signature import Signature
+from vofem.studies.steady.segments.shooting import CLOSES
+from vofem.studies.steady.segments.signature import Signature
+from vofem.studies.steady.segments.sticking import names_of, places_of
 from vofem.studies.steady.special import SpecialPoint
-from vofem.studies.steady.sticking import names_of, places_of
 
 #: Relative difference below which two solutions are the same orbit, and first steps that are tried on a leaving branch.
 _SAME, _TRIED = 1e-8, (1.0, 0.1, 1e-2, 1e-3)

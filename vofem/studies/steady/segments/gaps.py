@@ -13,10 +13,10 @@ from vofem.arrays import Array
 from vofem.integrators.event_driven.along import Path
 from vofem.integrators.event_driven.regime import Integers, flat
 from vofem.laws.friction import UP
-from vofem.studies.steady.extremes import LEAST, Extreme, least_rate, peak, turning_points
-from vofem.studies.steady.shooting import Shooting
-from vofem.studies.steady.sticking import pull_of
-from vofem.studies.steady.switches import AT_ONCE, Switches
+from vofem.studies.steady.segments.extremes import LEAST, Extreme, least_rate, peak, turning_points
+from vofem.studies.steady.segments.shooting import Shooting
+from vofem.studies.steady.segments.sticking import pull_of
+from vofem.studies.steady.segments.switches import AT_ONCE, Switches
 from vofem.system import CLOSED, PINNED
 
 #: Height of an extreme on the wrong side, over the size of the motion, that is rounding.

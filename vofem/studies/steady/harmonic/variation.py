@@ -22,9 +22,9 @@ from itertools import pairwise
 import numpy as np
 
 from vofem.arrays import Array
-from vofem.studies.steady.law_path import LawMotion
-from vofem.studies.steady.linear_rest import LinearRest
-from vofem.studies.steady.trigonometric import basis
+from vofem.studies.steady.harmonic.law_path import LawMotion
+from vofem.studies.steady.harmonic.linear_rest import LinearRest
+from vofem.studies.steady.harmonic.trigonometric import basis
 
 #: Gauss nodes in a panel, and the phase that a panel may cover, rad.
 _NODES, _PHASE = 6, 1.5

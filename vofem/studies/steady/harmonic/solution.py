@@ -15,10 +15,18 @@ from vofem.integrators.event_driven.modal_samples import ModalSamples
 from vofem.laws import LawGroup, LawSet
 from vofem.result import Result
 from vofem.scene import Scene
-from vofem.studies.steady.law_path import LawPaths
-from vofem.studies.steady.linear_rest import LinearRest
+from vofem.studies.steady.harmonic.law_path import LawPaths
+from vofem.studies.steady.harmonic.linear_rest import LinearRest
+from vofem.studies.steady.harmonic.trigonometric import (
+    basis,
+    crossings,
+    rate,
+    roots,
+    stretches,
+    to_real,
+    turning_points,
+)
 from vofem.studies.steady.orbit import TIMES
-from vofem.studies.steady.trigonometric import basis, crossings, rate, roots, stretches, to_real, turning_points
 from vofem.system import CLOSED, OPEN, Counters, Events, System
 
 if TYPE_CHECKING:

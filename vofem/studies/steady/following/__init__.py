@@ -1,0 +1,1 @@
+"""Following curves of orbits and of special points along parameters."""

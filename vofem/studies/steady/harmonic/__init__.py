@@ -1,0 +1,1 @@
+"""Orbits by harmonic balance, and their multipliers."""

@@ -1,0 +1,1 @@
+"""Orbits by shooting: a run over a period in segments between switches, whose lengths are unknowns."""
