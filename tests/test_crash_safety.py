@@ -397,6 +397,7 @@ def test_pictures_for_which_there_is_no_room(suffix, tmp_path):
     """In a process of its own, whose files may take a kilobyte."""
     program = f"""
 import resource, signal, sys
+sys.dont_write_bytecode = True
 import vofem as vf
 from vofem.io.plot import time_history
 from vofem.io.render import render

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from orbit_scenes import bilinear, impact_oscillator, nlvib_03, state_at_cosine
 from reference_integration import Reference
-from scenes import cantilever, reference
+from scenes import cantilever, on_stop, reference
 from scipy.integrate import solve_ivp
 
 import vofem as vf
@@ -271,6 +271,14 @@ def test_what_does_not_settle_is_told():
     assert orbit.amplitude(mass) == pytest.approx(1.0 / (1.0 - 0.09), rel=1e-12)
     # Its multipliers lie on the unit circle.
     assert orbit.stable is None
+
+
+def test_an_orbit_with_too_many_switches_is_told():
+    """With thousands of unknown times one step of Newton's method would take minutes."""
+    mass, scene = on_stop(vf.Mass(1.0, 1.0, 0.2), load=vf.Sine(1.0, 1.0), gap=0.5, stiffness=5.0)
+    words = "from the guess. contacts switch 2200 times in an orbit, and Newton's method takes at most 2000"
+    with pytest.raises(vf.ConvergenceError, match=words):
+        vf.periodic(scene, periods=1100, guess={mass: (0.5, 0.0)})
 
 
 def test_a_guess_may_be_a_run_that_ends_anywhere():

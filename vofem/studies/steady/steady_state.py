@@ -23,6 +23,7 @@ from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.segments.near import orbit_near
 from vofem.studies.steady.segments.rebuild import like_guess
 from vofem.studies.steady.segments.shooting import CLOSES, Shooting, relative
+from vofem.studies.steady.segments.signature import signature_of
 
 if TYPE_CHECKING:
     from vofem.studies.steady.harmonic.balance import HarmonicBalance
@@ -207,7 +208,7 @@ def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
     Raises `ConvergenceError` if no orbit is found in any way.
     """
     x, passed = problem.outside(np.zeros(problem.size)), list[tuple[float, Array]]()
-    level, change = _TRY, np.inf
+    level, change, seen = _TRY, np.inf, ""
     for _ in range(max(1, MOST_PERIODS // problem.periods)):
         one = problem.run(x)
         after = problem.to_unknowns(one.displacement, one.velocity)
@@ -215,13 +216,19 @@ def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
         if not np.isfinite(change):
             break
         if change <= level and change <= before:
+            try:
+                signature_of(problem, one)
+            except ConvergenceError as error:
+                seen = f"from rest {error}; a contact damper ends chatter, and so may acts_on='penetration'"
+                break
             found = _tried(problem, after, change, one.sizes)
             if found is not None:
                 return found, ()
             level = _AGAIN * change
         passed.append((change, x))
         x = after
-    seen = (
+    many = "" if seen or change <= CLOSES else _MANY
+    seen = seen or (
         f"after {MOST_PERIODS} periods from rest the motion still changes by {change:.2g} of itself over an orbit"
         if change > CLOSES
         else "the motion from rest repeats, and Newton's method finds no orbit with its switches"
@@ -239,7 +246,7 @@ def _from_rest(what: str, problem: Shooting) -> tuple[Solved, tuple[str, ...]]:
                 where = "where the motion nearly repeats; motions need not settle on it"
                 return found, (f"{seen}, so this orbit was found {where}",)
     raise ConvergenceError(
-        f"{what}: no orbit was found. {seen}{_MANY if change > CLOSES else ''}; {failed}. Try more "
+        f"{what}: no orbit was found. {seen}{many}; {failed}. Try more "
         "periods (periods=2, 3, ...), a guess= such as a run with more damping, or follow a branch with "
         "vofem.continuation from where the motion is regular, such as where no contact is touched"
     )

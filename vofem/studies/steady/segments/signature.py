@@ -60,6 +60,9 @@ _SAME = 1e-5
 #: Error of an evaluation that may be rounding.
 _SOLVED = 1e-10
 
+#: Switches in an orbit whose times are unknowns: the work grows with their square, and is minutes for more of them.
+MOST_SWITCHES = 2000
+
 #: Factor by which an impact may be faster or slower than that in which a body comes to rest.
 _ALLOWED = 2.0
 
@@ -782,7 +785,10 @@ def _one_way(statuses: Collection[int]) -> bool:
 
 
 def signature_of(problem: Shooting, flow: Flow) -> tuple[Signature, Array]:
-    """Return the signature of a flow over one orbit from the phase at which it starts, and coordinates."""
+    """Return the signature of a flow over one orbit from the phase at which it starts, and coordinates.
+
+    Raises `ConvergenceError` where contacts switch more often than can be treated.
+    """
     omega, segments = problem.loads.omega, flow.solution.segments
     statuses = {
         j: {int(s), *(e.after for e in flow.events if e.contact == j)} for j, s in enumerate(segments.status[0])
@@ -790,6 +796,10 @@ def signature_of(problem: Shooting, flow: Flow) -> tuple[Signature, Array]:
     stuck = [j for j, own in statuses.items() if _one_way(own)]
     start = tuple(PINNED if j in stuck else int(s) for j, s in enumerate(segments.status[0]))
     events = [(e.time * omega, switch) for e, switch in _switches(problem, flow) if switch.contact not in stuck]
+    if len(events) > MOST_SWITCHES:
+        raise ConvergenceError(
+            f"contacts switch {len(events)} times in an orbit, and Newton's method takes at most {MOST_SWITCHES}"
+        )
     anchor = flow.start.time * omega
     if events and events[0][0] - anchor <= AT_ONCE:
         # What is left at once is not the status at the start, where the orbit ends in the one that is entered.
