@@ -339,10 +339,9 @@ def run_segments(
             speed, zero = inner(rows[contact], state[1]), _zero(rows[contact], seen, frequencies)
             if speed <= max(REST * max(largest[contact], speed), zero) or restitution * speed <= zero:
                 return DECISION
+            turned = (1.0 + restitution) * speed / laws[contact, SQUARE_OF_ROW]
             for k in range(n):
-                velocity[k] = state[1, k] - rows[contact, k] * (
-                    (1.0 + restitution) * speed / laws[contact, SQUARE_OF_ROW]
-                )
+                velocity[k] = state[1, k] - rows[contact, k] * turned
             largest[contact] = max(largest[contact], speed)
             # The state before the impact is a segment of no duration.
             row, e = run[SEGMENTS], run[EVENTS]

@@ -100,10 +100,8 @@ class Walker(Follower):
 
     def advance(self) -> None:
         """Compute one segment or more, and what the event at the end does."""
-        moving = self.status != PINNED
-        if isinstance(self.solution, SlidingSolution) or np.any(
-            self._resting(self.solution.t_end - self.time)[1] & moving
-        ):
+        _, rests = self._resting(self.solution.t_end - self.time)
+        if isinstance(self.solution, SlidingSolution) or np.any(rests & (self.status != PINNED)):
             self._advance()
         else:
             super().advance()
@@ -119,6 +117,7 @@ class Walker(Follower):
         return places, (np.abs(self._gaps) <= ZERO * places) & (np.abs(self._rows @ self.velocity) <= self._zero())
 
     def _take_over(self, functions: Array | None) -> None:
+        """Take over what the loop has done, and what rests at stops after the event that it leaves open."""
         self._bounced = False
         super()._take_over(functions)
         self.solution.gaps_now = self._gaps.copy()
