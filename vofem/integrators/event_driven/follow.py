@@ -83,7 +83,6 @@ class Follower:
         contacts, n = solution.space.contacts.shape
         drift = solution.drift()
         self._run = np.full(NUMBERS, -1)
-        self._run[BOUNCES] = 0
         self._run[MODES_OF_RUN:SEARCH] = n, contacts, loads.size, loads.kind.size, drift.shape[2], 0, 0
         self._time, self._state, self._gaps = np.zeros(1), np.zeros((2, n)), np.zeros(contacts)
         # The largest speed of approach of each rigid stop, and the largest modal displacements and velocities so far.
@@ -91,9 +90,10 @@ class Follower:
         laws = solution.system.cache.get("laws of the loop", pin_fraction, self._laws_of_system)
         rows = solution.space.contacts
         row_sizes = rows if solution.system.contacts is None else solution.row_sizes
-        frequencies = np.sqrt(np.abs(solution.space.stiffness))
+        self._frequencies = np.sqrt(np.abs(solution.space.stiffness))
         given = [
-            loads.edges, loads.states, loads.kind, loads.omega, loads.bend, drift, rows, row_sizes, laws, frequencies
+            loads.edges, loads.states, loads.kind, loads.omega, loads.bend, drift, rows, row_sizes, laws,
+            self._frequencies,
         ]  # fmt: skip
         # Arrays of the loop in the order of their places, up to those of the record.
         now = [self._largest, self._seen, self._time, self._state, self._gaps]

@@ -203,7 +203,8 @@ def run_segments(
     edges, kinds = shaped(floats(run[EDGES]), (intervals + 1,)), shaped(integers(run[KINDS]), (intervals,))
     states = shaped(floats(run[STATES]), (intervals, 2, first))
     omega, bend = shaped(floats(run[OMEGA]), (slots.shape[1], first)), shaped(integers(run[BEND]), (first,))
-    drift = shaped(floats(run[DRIFT]), (slots.shape[1], contacts, run[DRIFTING]))
+    drifting = run[DRIFTING]
+    drift = shaped(floats(run[DRIFT]), (slots.shape[1], contacts, drifting))
     rows = shaped(floats(run[CONTACT_ROWS]), (contacts, n))
     row_sizes = shaped(floats(run[CONTACT_SIZES]), (contacts, n))
     laws, gaps = shaped(floats(run[LAWS]), (contacts, COLUMNS)), shaped(floats(run[GAPS]), (contacts,))
@@ -248,10 +249,7 @@ def run_segments(
         _load_state(t - edges[interval], states[interval], omega[kind], bend, begin)
         contact = run[SWITCHED]
         if contact >= 0:
-            offset = 0.0
-            for i in range(drift.shape[2]):
-                offset += drift[kind, contact, i] * begin[0, i]
-            at_gap(rows[contact], laws[contact], offset, state[0])
+            at_gap(rows[contact], laws[contact], inner(drift[kind, contact], begin[0, :drifting]), state[0])
         if rigid:
             _see(seen, state[0], state[1])
         copy(state[0], displacement)
@@ -303,10 +301,7 @@ def run_segments(
         for k in range(n):
             state[0, k], state[1, k] = displacement[k] + moved[k], velocity[k] + moved_rate[k]
         for j in range(contacts):
-            offset = 0.0
-            for i in range(drift.shape[2]):
-                offset += drift[kind, j, i] * change[0, i]
-            gaps[j] += inner(rows[j], moved) + offset
+            gaps[j] += inner(rows[j], moved) + inner(drift[kind, j], change[0, :drifting])
         time[0] = edges[interval + 1] if tau >= duration else t + tau
         run[SEGMENTS] = row + 1
         run[EVALUATIONS] += int(shaped(floats(slot[WORK]), (1,))[0])
@@ -328,13 +323,11 @@ def run_segments(
                 if sign[j] == 0.0:
                     # What rests somewhere may move in an impact.
                     return DECISION
-            gaps[contact], offset = 0.0, 0.0
-            if drift.shape[2]:
+            gaps[contact] = 0.0
+            if drifting:
                 _load_state(time[0] - edges[interval], states[interval], omega[kind], bend, begin)
-                for i in range(drift.shape[2]):
-                    offset += drift[kind, contact, i] * begin[0, i]
             copy(state[0], displacement)
-            at_gap(rows[contact], laws[contact], offset, displacement)
+            at_gap(rows[contact], laws[contact], inner(drift[kind, contact], begin[0, :drifting]), displacement)
             _see(seen, displacement, state[1])
             speed, zero = inner(rows[contact], state[1]), _zero(rows[contact], seen, frequencies)
             if speed <= max(REST * max(largest[contact], speed), zero) or restitution * speed <= zero:

@@ -116,15 +116,11 @@ def _bounces_in(solution: Any, block: int) -> _Bounced:
     z, before = record.buffers.displacement[index].T, record.buffers.velocity[index].T
     rates, turned = np.einsum("mn,nm->m", rows, before), (1.0 + laws.restitution[stop]) / np.sum(rows**2, axis=1)
     later = before - rows.T * (turned * rates)
-    load = np.zeros((space.size, k.size))
-    for vector, function in zip(solution.load_vectors, solution.load_functions, strict=True):
-        load += np.multiply.outer(vector, function(record.starts[index]))
-    statuses, coordinates = np.array(record.statuses)[record.status_numbers[index]].T, space.contacts @ z
+    statuses, gaps = np.array(record.statuses)[record.status_numbers[index]].T, space.contacts @ z - laws.gap[:, None]
     first, last = (
-        load - space.stiffness[:, None] * z - space.damping_force(v)
-        - space.contacts.T @ laws.force(coordinates - laws.gap[:, None], space.contacts @ v, statuses)
+        solution.acceleration(record.starts[index], z, v, laws.force(gaps, space.contacts @ v, statuses))
         for v in (before, later)
-    )  # fmt: skip
+    )
     found.stop[k], found.turned[k] = stop, turned
     met = rates > 0.0
     change = last - first + rows.T * (turned * np.einsum("mn,nm->m", rows, first))

@@ -584,10 +584,11 @@ class EventSolution:
         """Return the motion at any times; the acceleration is that of the equation of motion."""
         (z, v), pressed = self._both(times)
         # Samples hold the forces, which contacts and energies at the same times need too.
-        return ModalSamples(self._shapes, z, v, lambda: self._acceleration(times, z, v, pressed))
+        return ModalSamples(self._shapes, z, v, lambda: self.acceleration(times, z, v, pressed[1]))
 
     @_evaluation
-    def _acceleration(self, times: Array, z: Array, v: Array, pressed: tuple[Array, Array, Status]) -> Array:
+    def acceleration(self, times: Array, z: Array, v: Array, force: Array) -> Array:
+        """Return the modal acceleration at times, shape (n, n_times), of states and forces of the contacts there."""
         space = self.space
         # A time is a row in memory, as in the samples.
         rows = -space.stiffness * z.T
@@ -598,7 +599,7 @@ class EventSolution:
         if self.load_functions:
             rows += np.column_stack([function(times) for function in self.load_functions]) @ self.load_vectors
         if self.system.contacts is not None:
-            rows -= pressed[1].T @ space.contacts
+            rows -= force.T @ space.contacts
         return rows.T
 
     def contacts(self, times: Array) -> ContactSamples:

@@ -100,8 +100,11 @@ class Walker(Follower):
 
     def advance(self) -> None:
         """Compute one segment or more, and what the event at the end does."""
-        _, rests = self._resting(self.solution.t_end - self.time)
-        if isinstance(self.solution, SlidingSolution) or np.any(rests & (self.status != PINNED)):
+        in_python = isinstance(self.solution, SlidingSolution)
+        if not in_python:
+            _, rests = self._resting(self.solution.t_end - self.time)
+            in_python = bool(np.any(rests & (self.status != PINNED)))
+        if in_python:
             self._advance()
         else:
             super().advance()
@@ -112,7 +115,7 @@ class Walker(Follower):
         They do so but for rounding.
         """
         with np.errstate(divide="ignore"):
-            time = np.minimum(1.0 / np.sqrt(np.abs(self.solution.space.stiffness)), duration)
+            time = np.minimum(1.0 / self._frequencies, duration)
         places = np.abs(self._rows) @ (self._farthest + time * self._fastest)
         return places, (np.abs(self._gaps) <= ZERO * places) & (np.abs(self._rows @ self.velocity) <= self._zero())
 
@@ -168,8 +171,7 @@ class Walker(Follower):
 
     def _sizes(self, order: int) -> Array:
         """Return the sizes of derivatives of the modes by time, as large as they may have been in free motion, (n,)."""
-        frequencies = np.sqrt(np.abs(self.solution.space.stiffness))
-        return np.asarray(frequencies**order * self._farthest + frequencies ** (order - 1) * self._fastest)
+        return np.asarray(self._frequencies**order * self._farthest + self._frequencies ** (order - 1) * self._fastest)
 
     def _record(self) -> int:
         """Begin a segment in the present state; return its number."""

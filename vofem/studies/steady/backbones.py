@@ -355,13 +355,16 @@ class _Search:
 class _Arc(Quiet):
     """Follows a backbone beyond a turn."""
 
+    _way: Array | None = None  #: From one instant of rest to the other at the last point, see `_apart`.
+
     def _closed(self, now: Point, after: Point) -> bool:
         """Return whether the backbone has come back to its first oscillation, or turned into itself.
 
         It does the latter where both instants of rest are one, as in a higher mode at an even internal resonance:
         beyond are the oscillations that lead there, half a period later.
         """
-        one, other = self._apart(now), self._apart(after)
+        one = self._apart(now) if self._way is None else self._way
+        self._way = other = self._apart(after)
         self._over = bool(one @ other < _OPPOSITE * np.linalg.norm(one) * np.linalg.norm(other))
         if self._over:
             self.notes.append(
