@@ -60,6 +60,14 @@ def _kernels_of_test(request, _kernels_of_module):
     yield from _as_marked(request)
 
 
+@pytest.fixture(autouse=True)
+def _figures_are_closed():
+    """Figures of one test are gone before the next one: many open ones are a warning, and warnings are errors."""
+    yield
+    if pyplot := sys.modules.get("matplotlib.pyplot"):
+        pyplot.close("all")
+
+
 def _as_marked(request):
     mark = request.node.get_closest_marker("kernels")
     if mark is None or request.config.getoption("--plain-kernels"):

@@ -13,7 +13,6 @@ matplotlib.use("Agg")
 
 import numpy as np
 import pytest
-from matplotlib import pyplot
 from orbit_scenes import bilinear
 from PIL import Image
 
@@ -127,7 +126,6 @@ def test_a_notebook_runs_from_its_first_cell_to_its_last(path, tmp_path, monkeyp
         exec(compile(f"shown = (\n{last}\n)" if _is_expression(last) else last, path.name, "exec"), names)
         if hasattr(names.get("shown"), "_repr_html_"):
             checked(names["shown"]._repr_html_())
-    pyplot.close("all")
     # The play is 1 mm: the tip goes through it, and the stops give way a little.
     assert 1.0e-3 < np.max(np.abs(names["result"].displacement(names["beam"].at(0.5)))) < 2.0e-3
     assert names["movie"].frames == 50

@@ -32,12 +32,6 @@ def orbit():
     return scene.bodies[0], vf.periodic(scene)
 
 
-@pytest.fixture(autouse=True)
-def _close():
-    yield
-    pyplot.close("all")
-
-
 def drawn(run, orbit):
     """Every function of `plot` with arguments that it takes, without a path, by its name."""
     point, result = run
