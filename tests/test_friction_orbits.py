@@ -381,13 +381,15 @@ def test_a_slider_slides_beside_the_stop_of_another_one(places, limits, loaded, 
     values = [[mark.value for mark in branch.special] for branch in (there, back)]
     np.testing.assert_allclose(values[0], values[1][::-1], rtol=1e-9)
     assert len(values[0]) == count
-    # Both sliders of some orbits switch at one time: one stops or turns, and the other one begins to slide.
+    # Both sliders of some orbits switch at one time: one stops or turns, and the other one begins to slide. In special
+    # orbits a force is at its limit within rounding.
     together = [
         any(
             np.any(np.abs(one.breaks[:, None] - other.stops) <= 1e-12)
             for one, other in itertools.permutations(orbit.result.frictions.values(), 2)
         )
-        for orbit in there.orbits
+        for value, orbit in zip(there.values, there.orbits, strict=True)
+        if np.all(np.abs(value - np.array(values[0])) > 1e-9)
     ]
     assert any(together) == at_once
 

@@ -140,6 +140,22 @@ class Exosystem:
         return result
 
 
+def load_bounds(loads: Exosystem, vectors: Array) -> Array:
+    """Return bounds on the modal loads in each interval, shape (k, n).
+
+    `vectors` (shape (n_functions, n)): modal load vectors.
+    """
+    late = np.diff(loads.edges)[:, None]
+    value, rate = np.abs(loads.states[:, 0]), np.abs(loads.states[:, 1])
+    omega, function = loads.omega[loads.kind], loads.function[loads.kind]
+    waves, bent = omega > 0.0, np.flatnonzero(loads.bend >= 0)
+    bounds = np.where(waves, np.hypot(value, rate / np.where(waves, omega, 1.0)), value + late * rate)
+    second, third = value[:, loads.bend[bent]], rate[:, loads.bend[bent]]
+    bounds[:, bent] += late**2 * (second / 2.0 + late * third / 6.0)
+    size = np.concatenate([np.abs(vectors), np.zeros((1, vectors.shape[1]))])
+    return np.asarray(np.einsum("ke,ken->kn", bounds, size[np.where(function >= 0, function, len(vectors))]))
+
+
 def gathered(loads: Sequence[Load], rows: Array) -> tuple[list[Any], Array]:
     """Return the functions of time of some loads, equal ones once, and for each the sum of its modal load vectors.
 

@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.arrays import Array
+from vofem.integrators.event_driven.exosystem import load_bounds
 from vofem.integrators.event_driven.loop import (
+    ANCHOR,
     BOUNCES,
     COLUMNS,
     DECISION,
@@ -28,12 +30,17 @@ from vofem.integrators.event_driven.loop import (
     INTERVAL,
     LEFT,
     MODES_OF_RUN,
+    NEW_STATUS,
     NUMBERS,
+    OVERLOAD,
     SEARCH,
     SEGMENT_ROOM,
     SEGMENTS,
+    SLIPS,
     STATUS,
     SWITCHED,
+    SWITCHED_TO,
+    UNSURE,
     WORK_F,
     WORK_X,
     run_segments,
@@ -83,20 +90,32 @@ class Follower:
         contacts, n = solution.space.contacts.shape
         drift = solution.drift()
         self._run = np.full(NUMBERS, -1)
-        self._run[MODES_OF_RUN:SEARCH] = n, contacts, loads.size, loads.kind.size, drift.shape[2], 0, 0
+        # Rows from this one on are sliders.
+        self._stops = contacts if solution.sliders is None else solution.sliders.first
+        self._run[MODES_OF_RUN:SEARCH] = n, contacts, self._stops, loads.size, loads.kind.size, drift.shape[2], 0, 0
+        self._run[UNSURE] = 0
         self._time, self._state, self._gaps = np.zeros(1), np.zeros((2, n)), np.zeros(contacts)
         # The largest speed of approach of each rigid stop, and the largest modal displacements and velocities so far.
         self._largest, self._seen = np.zeros(contacts), np.zeros((2, n))
+        # Rounding of the distances of contacts that leave their stops, and the sliders that have changed their status.
+        self._fresh = np.zeros((2, contacts))
+        # Whether the next segment is one with rounding of its own, see `_fresh`.
+        self._single = False
         laws = solution.system.cache.get("laws of the loop", pin_fraction, self._laws_of_system)
+        bounds = np.zeros((0, n))
+        if solution.sliders is not None:
+            laws = laws.copy()
+            laws[self._stops :, ANCHOR] = solution.sliders.lines(loads)
+            bounds = load_bounds(loads, solution.load_vectors)
         rows = solution.space.contacts
         row_sizes = rows if solution.system.contacts is None else solution.row_sizes
         self._frequencies = np.sqrt(np.abs(solution.space.stiffness))
         given = [
             loads.edges, loads.states, loads.kind, loads.omega, loads.bend, drift, rows, row_sizes, laws,
-            self._frequencies,
+            self._frequencies, bounds,
         ]  # fmt: skip
         # Arrays of the loop in the order of their places, up to those of the record.
-        now = [self._largest, self._seen, self._time, self._state, self._gaps]
+        now = [self._largest, self._seen, self._fresh, self._time, self._state, self._gaps]
         self._arrays = [*map(np.ascontiguousarray, given), *now]
 
     def _laws_of_system(self) -> Array:
@@ -108,7 +127,11 @@ class Follower:
         # As in `pinned.may_pin`.
         scale = np.where(laws.jump, 1.01 * squares * self._pin_fraction * laws.gap, 0.0)
         pinning = scale * laws.stiffness * laws.gap, scale * laws.damping
-        return np.stack([laws.gap, squares, *pinning, np.where(laws.rigid, laws.restitution, -1.0)], axis=1)
+        limits = np.zeros((2, laws.gap.size))
+        if solution.sliders is not None:
+            limits[:, self._stops :] = solution.sliders.breaks, solution.sliders.stretch
+        restitution = np.where(laws.rigid, laws.restitution, -1.0)
+        return np.stack([laws.gap, squares, *pinning, restitution, *limits, np.zeros(laws.gap.size)], axis=1)
 
     def advance(self) -> None:
         """Compute one segment or more. In compiled code a call takes about 0.1 s at most."""
@@ -136,14 +159,15 @@ class Follower:
         solution, run = self.solution, self._run
         record, counters, group = solution.record, solution.counters, regime.blocks.group
         self._enter()
-        run[SEGMENTS], run[EVENTS], run[EVALUATIONS], run[BOUNCES] = record.segments, record.events, 0, 0
+        run[SEGMENTS], run[EVENTS] = record.segments, record.events
+        run[EVALUATIONS] = run[BOUNCES] = run[SLIPS] = 0
         first, first_event = record.segments, record.events
         record.make_room(2, 2)
         while True:
             self._place(statuses.table)
             reason = run_segments(
                 statuses.table, statuses.slots, statuses.after, run,
-                1 if group is not None else MOST, self._most_events,
+                1 if group is not None or self._single else MOST, self._most_events,
             )  # fmt: skip
             self.calls += 1
             record.segments, record.events = int(run[SEGMENTS]), int(run[EVENTS])
@@ -152,10 +176,10 @@ class Follower:
             more = max(min(record.segments, MOST), 2)
             record.make_room(more, more)
         counters.steps += record.segments - first - int(run[BOUNCES])
-        counters.events += record.events - first_event
+        counters.events += record.events - first_event + int(run[SLIPS])
         counters.gap_evaluations += int(run[EVALUATIONS]) * self._gaps.size
-        if record.segments > first:
-            self._take_over(self._space[WORK_F - WORK_X] if reason == DECISION else None)
+        if record.segments > first or reason in (NEW_STATUS, OVERLOAD):
+            self._take_over(self._space[WORK_F - WORK_X] if reason == DECISION else None, overload=reason == OVERLOAD)
 
     def _place(self, table: NDArray[np.int64]) -> None:
         """Write the places of all arrays, where these are no longer those of the last call."""
@@ -174,15 +198,21 @@ class Follower:
         solution, record = self.solution, self.solution.record
         displacement, switched = self.displacement, np.zeros(0, dtype=np.int64)
         if record.segments:
-            switched = np.flatnonzero((self.status != record.last_status) & (self.status != PINNED))
+            changed = (self.status != record.last_status) & (self.status != PINNED)
+            switched = np.flatnonzero(changed[: self._stops])
             if switched.size > 1:
                 displacement = solution.at_gaps(switched, displacement, self.time)
         self._time[0], self._state[0], self._state[1] = self.time, displacement, self.velocity
-        self._run[SWITCHED] = switched[0] if switched.size == 1 else -1
+        if not self._run[UNSURE]:
+            # Else it is known what has switched.
+            self._run[SWITCHED] = switched[0] if switched.size == 1 else -1
         self._gaps[:] = solution.gaps_at(self.status, displacement, self.time)
 
-    def _take_over(self, functions: Array | None) -> None:
-        """Take over the time and the state at which the loop has stopped; decide about an event by its functions."""
+    def _take_over(self, functions: Array | None, *, overload: bool) -> None:
+        """Take over the time and the state at which the loop has stopped; decide about an event by its functions.
+
+        `overload`: whether sliders cannot hold what follows the last event.
+        """
         solution, run, record = self.solution, self._run, self.solution.record
         self.time = float(self._time[0])
         self.displacement, self.velocity = self._state.copy()
@@ -191,7 +221,7 @@ class Follower:
         if functions is None:
             if run[SWITCHED] >= 0:
                 self.status = self.status.copy()
-                self.status[run[SWITCHED]] = record.buffers.event_status[record.events - 1]
+                self.status[run[SWITCHED]] = run[SWITCHED_TO]
             return
         regime = solution.regime(self.status, int(solution.exosystem.kind[run[INTERVAL]]))
         count = regime.exits.sign.size

@@ -1,9 +1,12 @@
 """The loop over segments and events.
 
-It begins the motion of a segment, searches for the next event, moves to it and changes the contact status, or lets a
-body bounce off a rigid stop. It returns if it needs a status that the table does not hold, or room for more segments,
-and where an event takes a decision: when several contacts switch at once, one may be pinned, or an impact does more
-than turn the speed at its stop.
+It begins the motion of a segment, searches for the next event, moves to it and changes the contact status, lets a
+body bounce off a rigid stop, or lets a slider stop or begin to slide. It returns if it needs a status that the table
+does not hold, or room for more segments, and where an event takes a decision: when several contacts switch at once, one
+may be pinned, an impact does more than turn the speed at its stop, or what a slider does moves others.
+
+Sliders are the last rows of the contacts, see `sliders`. What a rigid one that sticks would have to hold tells at the
+beginning of a segment whether it can.
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ from vofem.integrators.event_driven.search import (
 )
 from vofem.integrators.event_driven.search import ROWS as SEARCH_ROWS
 from vofem.integrators.event_driven.table import (
+    CARRIED,
     INTO,
     LEADS,
     LEVEL,
@@ -38,43 +42,52 @@ from vofem.integrators.event_driven.table import (
     OWNER,
     SHIFT,
     SIGN,
+    SLIDES,
     STEADY,
     TAKEN,
 )
 from vofem.kernels.addresses import call, floats, integers, shaped
 from vofem.kernels.jit import jit
+from vofem.laws.friction import DOWN, UP
 from vofem.linalg.vectors import copy, inner, multiply, multiply_transposed
 from vofem.system import CLOSED, OPEN
 
 Integers = NDArray[np.int64]
 
 #: Why the loop returns: the run is at its end, the requested number of segments is done, the table has no slot for what
-#: follows, the record is full, an event takes a decision, or there were too many events.
-DONE, PAUSED, NEW_STATUS, FULL, DECISION, STORM = range(6)
+#: follows, the record is full, an event takes a decision, sliders cannot hold what follows, or there were too many
+#: events.
+DONE, PAUSED, NEW_STATUS, FULL, DECISION, OVERLOAD, STORM = range(7)
 
 #: The numbers of a run begin with what the loop changes: number of the contact status in the record or -1, interval of
-#: the loads, the contact that has just switched or -1, numbers of segments and of events in the record, how often event
-#: functions were evaluated, the status and the event function of the last event, and the number of bounces.
-STATUS, INTERVAL, SWITCHED, SEGMENTS, EVENTS, EVALUATIONS, LEFT, FUNCTION, BOUNCES = range(9)
+#: the loads, the contact that has just switched or -1 and its status, numbers of segments and of events in the record,
+#: how often event functions were evaluated, the status and the event function of the last event, the numbers of bounces
+#: and of events of sliders, and whether sliders hold what follows the last event is not known yet.
+STATUS, INTERVAL, SWITCHED, SWITCHED_TO, SEGMENTS, EVENTS = range(6)
+EVALUATIONS, LEFT, FUNCTION, BOUNCES, SLIPS, UNSURE = range(6, 12)
 
-#: Then follow sizes: modes n, contacts c, loads e, intervals i of the loads, loads that enter the coordinates of
-#: contacts (e or 0), rows of the record for segments and for events; and the address of `march`.
-MODES_OF_RUN, CONTACTS, LOADS, INTERVALS, DRIFTING, SEGMENT_ROOM, EVENT_ROOM, SEARCH = range(9, 17)
+#: Then follow sizes: modes n, contacts c, of which the first ones are no sliders, loads e, intervals i of the loads,
+#: loads that enter the coordinates of contacts (e or 0), rows of the record for segments and for events; and the
+#: address of `march`.
+MODES_OF_RUN, CONTACTS, STOPS, LOADS, INTERVALS, DRIFTING, SEGMENT_ROOM, EVENT_ROOM, SEARCH = range(12, 21)
 
 #: Then places of arrays: of the loads, see `Exosystem` and `EventSolution.drift`; of the contacts their rows (c, n),
-#: bounds on the terms that these are summed of, and `LAWS`; the frequencies of the modes (n,); the largest speed of
-#: approach of each rigid stop (c,), and the largest modal state of a scene with such stops (2, n); the time that has
-#: been reached (1,), the modal state (2, n) and the gap functions (c,); the arrays of the record, see `Buffers`; and
-#: work space.
-EDGES, STATES, KINDS, OMEGA, BEND, DRIFT, CONTACT_ROWS, CONTACT_SIZES, LAWS, FREQUENCIES = range(17, 27)
-LARGEST, SEEN, TIME, STATE, GAPS = range(27, 32)
-STARTS, DURATIONS, STATUSES, DISPLACEMENTS, VELOCITIES, SEGMENT_GAPS, LOGGED = range(32, 39)
-EVENT_TIME, EVENT_CONTACT, EVENT_STATUS, WORK_X, WORK_F, WORK_MODAL, WORK_BOTH, NUMBERS = range(39, 47)
+#: bounds on the terms that these are summed of, and `LAWS`; the frequencies of the modes (n,); with sliders bounds on
+#: the modal loads in each interval (i, n); the largest speed of approach of each rigid stop (c,), and the largest modal
+#: state of a scene with such stops or sliders (2, n); distances that are rounding of contacts that leave their stops
+#: without speed, m, and 1 for the sliders that have just changed their status (2, c); the time that has been reached
+#: (1,), the modal state (2, n) and the gap functions (c,); the arrays of the record, see `Buffers`; and work space.
+EDGES, STATES, KINDS, OMEGA, BEND, DRIFT, CONTACT_ROWS, CONTACT_SIZES, LAWS, FREQUENCIES, PUSHES = range(21, 32)
+LARGEST, SEEN, FRESH, TIME, STATE, GAPS = range(32, 38)
+STARTS, DURATIONS, STATUSES, DISPLACEMENTS, VELOCITIES, SEGMENT_GAPS, LOGGED = range(38, 45)
+EVENT_TIME, EVENT_CONTACT, EVENT_STATUS, WORK_X, WORK_F, WORK_MODAL, WORK_BOTH, NUMBERS = range(45, 53)
 
-#: Columns of the array of the laws, (c, 5): the gap in m, the squared norm of the row, two numbers (a contact may be
-#: pinned where its speed squared is below ``pinning + pinning_rate speed``), and the restitution of a rigid stop, which
-#: is -1 for other contacts.
-GAP, SQUARE_OF_ROW, PINNING, PINNING_RATE, RESTITUTION, COLUMNS = range(6)
+#: Columns of the array of the laws, (c, 9): the gap in m, the squared norm of the row, two numbers (a contact may be
+#: pinned where its speed squared is below ``pinning + pinning_rate speed``), the restitution of a rigid stop, which is
+#: -1 for other contacts; and for sliders the limit at which they break away, in N or, behind a spring, as its
+#: elongation in m, the elongation while they slide, which is zero for rigid ones, and the load that puts the anchor in
+#: its place.
+GAP, SQUARE_OF_ROW, PINNING, PINNING_RATE, RESTITUTION, BREAKS, STRETCH, ANCHOR, COLUMNS = range(9)
 
 #: Work of the searches of a call, in the unit of `SEARCH_WORK`, after which the loop returns.
 _CALL_WORK = 500_000
@@ -85,6 +98,15 @@ ZERO = 1e-13
 #: Size of the terms of a contact's coordinate, divided by its own size, above which it counts as a difference of large
 #: numbers.
 CANCELLING = 8.0
+
+#: Share of the time of a search within which an open contact is not told from one that rests at its gap.
+NEAR = 1e-6
+
+#: A slip speed below this share of the largest one so far is zero, and so is an acceleration of its terms.
+STILL = 1e-11
+
+#: Share of its limit by which a stuck slider may exceed it.
+OVER = 1e-12
 
 
 def work_space(table: Integers, n: int) -> list[Array]:
@@ -126,6 +148,27 @@ def _zero(row: Array, seen: Array, frequencies: Array) -> float:
     for k in range(row.size):
         size += abs(row[k]) * (frequencies[k] * seen[0, k] + seen[1, k])
     return ZERO * size
+
+
+@jit
+def _push(row: Array, seen: Array, frequencies: Array, load: Array) -> float:
+    """Return the size of the acceleration at a contact, of which forces may balance each other, m/s^2.
+
+    `load` (shape (n,)): bounds on the modal loads.
+    """
+    size = 0.0
+    for k in range(row.size):
+        size += abs(row[k]) * (frequencies[k] * (frequencies[k] * seen[0, k] + seen[1, k]) + load[k])
+    return size
+
+
+@jit
+def _carry(carried: int, loads: Array, sign: float, modal: Array) -> None:
+    """Add the displacements or velocities (n,) that follow from loads (e,), times a sign; see `sliders`."""
+    if carried:
+        factors = shaped(floats(carried), (modal.size, loads.size))
+        for k in range(modal.size):
+            modal[k] += sign * inner(factors[k], loads)
 
 
 @jit
@@ -210,6 +253,9 @@ def run_segments(
     laws, gaps = shaped(floats(run[LAWS]), (contacts, COLUMNS)), shaped(floats(run[GAPS]), (contacts,))
     frequencies, largest = shaped(floats(run[FREQUENCIES]), (n,)), shaped(floats(run[LARGEST]), (contacts,))
     seen, rigid = shaped(floats(run[SEEN]), (2, n)), contacts > 0 and laws[:, RESTITUTION].max() >= 0.0
+    stops, fresh = run[STOPS], shaped(floats(run[FRESH]), (2, contacts))
+    sliding = stops < contacts
+    pushes = shaped(floats(run[PUSHES]), (intervals if sliding else 0, n))
     time, state = shaped(floats(run[TIME]), (1,)), shaped(floats(run[STATE]), (2, n))
     modal, room, event_room = shaped(floats(run[WORK_MODAL]), (4, n)), run[SEGMENT_ROOM], run[EVENT_ROOM]
     starts, durations = shaped(floats(run[STARTS]), (room,)), shaped(floats(run[DURATIONS]), (room,))
@@ -241,19 +287,26 @@ def run_segments(
         both, steady = shaped(floats(run[WORK_BOTH]), (3, 2 * own)), shaped(floats(slot[STEADY]), (2 * first, 2 * own))
         event_rows = shaped(floats(slot[FUNCTION_OF]), (count, 2, m))
         owner, sign = shaped(integers(slot[OWNER]), (count,)), shaped(floats(slot[SIGN]), (count,))
-        level = shaped(floats(slot[LEVEL]), (count,))
+        level, leads = shaped(floats(slot[LEVEL]), (count,)), shaped(integers(slot[LEADS]), (count,))
+        slides = shaped(floats(slot[SLIDES]), (contacts,))
 
         # The states of all blocks at the beginning.
         begin, change = x[START:], x[MOVED:]
         copy(shaped(floats(slot[OF]), (START * m,)), shaped(floats(run[WORK_X]), (START * m,)))
         _load_state(t - edges[interval], states[interval], omega[kind], bend, begin)
         contact = run[SWITCHED]
-        if contact >= 0:
+        if 0 <= contact < stops:
             at_gap(rows[contact], laws[contact], inner(drift[kind, contact], begin[0, :drifting]), state[0])
-        if rigid:
+        if rigid or sliding:
             _see(seen, state[0], state[1])
+        for j in range(stops, contacts):
+            line = int(laws[j, ANCHOR])
+            begin[0, line] = 0.0
+            begin[0, line] = inner(rows[j], state[0]) - gaps[j] + inner(drift[kind, j], begin[0, :drifting])
         copy(state[0], displacement)
         copy(state[1], velocity)
+        _carry(slot[CARRIED], begin[0, :first], -1.0, displacement)
+        _carry(slot[CARRIED], begin[1, :first], -1.0, velocity)
         if slot[SHIFT]:
             shift = shaped(floats(slot[SHIFT]), (n,))
             for k in range(n):
@@ -269,20 +322,57 @@ def run_segments(
             shift = shaped(floats(slot[SHIFT]), (n,))
             for k in range(n):
                 displacement[k] += shift[k]
+            _carry(slot[CARRIED], begin[0, :first], 1.0, displacement)
+            _carry(slot[CARRIED], begin[1, :first], 1.0, velocity)
 
         # The next event.
+        duration, over = edges[interval + 1] - t, -1
         for j in range(count):
-            size = level[j]
-            if sign[j] == 0.0:
+            size, o = level[j], owner[j]
+            if o >= stops:
+                held, speed = laws[o, STRETCH], 0.0
+                if slides[o] == 0.0 and held > 0.0:
+                    value = (gaps[o] if leads[j] == UP else -gaps[o]) - laws[o, BREAKS]
+                else:
+                    value = inner(event_rows[j, 0], begin[0]) + inner(event_rows[j, 1], begin[1])
+                    if slides[o] == 0.0 and value > OVER * laws[o, BREAKS]:
+                        over = j if over == -1 and fresh[1, o] != 0.0 else -2
+                if fresh[1, o] != 0.0:
+                    if slides[o] != 0.0:
+                        speed = abs(inner(drift[kind, o], begin[1, :drifting]))
+                        for k in range(n):
+                            speed += abs(rows[o, k]) * seen[1, k]
+                        if abs(value) <= STILL * speed:
+                            # It begins to slide from rest.
+                            value = 0.0
+                            size += _push(rows[o], seen, frequencies, pushes[interval]) * NEAR * duration
+                    elif held > 0.0 and value >= 0.0:
+                        # It has just come to rest, and its speed is zero but for rounding.
+                        size += _push(rows[o], seen, frequencies, pushes[interval]) * (NEAR * duration) ** 2
+                value = min(value, 0.0)
+            elif sign[j] == 0.0:
                 value = inner(event_rows[j, 0], begin[0]) + inner(event_rows[j, 1], begin[1])
             else:
-                value = sign[j] * gaps[owner[j]]
+                value = sign[j] * gaps[o]
+                size += fresh[0, o]
                 if slot[INTO]:
                     # Rounding from earlier segments. The search itself considers only the changes within this segment.
                     for k in range(n):
-                        size += row_sizes[owner[j], k] * abs(displacement[k])
+                        size += row_sizes[o, k] * abs(displacement[k])
             f[BEGINNING, j], f[CONSTANTS, j] = value, size
-        duration = edges[interval + 1] - t
+        if over != -1 and run[UNSURE]:
+            contact = -1 if over == -2 else owner[over]
+            if contact != run[SWITCHED]:
+                run[LEFT], run[UNSURE] = -1, 0
+                run[SLIPS] -= run[SWITCHED] >= stops
+                return OVERLOAD
+            # It does not rest, but slides back, or on.
+            run[LEFT], run[FUNCTION], run[SWITCHED_TO] = number, over, leads[over]
+            run[STATUS] = after[number, over] if number < after.shape[0] else -1
+            if run[STATUS] < 0:
+                return NEW_STATUS
+            continue
+        run[UNSURE] = 0
         tau = call(run[SEARCH], slot[TAKEN], x, 0, f, 0, t, duration)
         hit = -1
         for j in range(count):
@@ -294,6 +384,8 @@ def run_segments(
         copy(change[1, first:], both[0, own:])
         _add_answers(steady, change, 1.0, both[0])
         from_blocks(slot, both, moved, moved_rate)
+        _carry(slot[CARRIED], change[0, :first], 1.0, moved)
+        _carry(slot[CARRIED], change[1, :first], 1.0, moved_rate)
         starts[row], durations[row], statuses[row], logged[row] = t, tau, number, run[EVENTS]
         copy(gaps, all_gaps[row])
         copy(state[0], displacements[row])
@@ -302,11 +394,17 @@ def run_segments(
             state[0, k], state[1, k] = displacement[k] + moved[k], velocity[k] + moved_rate[k]
         for j in range(contacts):
             gaps[j] += inner(rows[j], moved) + inner(drift[kind, j], change[0, :drifting])
+            fresh[0, j], fresh[1, j] = 0.0, 0.0
+            if j >= stops and (slides[j] != 0.0 or laws[j, STRETCH] == 0.0):
+                gaps[j] = slides[j] * laws[j, STRETCH]
         time[0] = edges[interval + 1] if tau >= duration else t + tau
         run[SEGMENTS] = row + 1
         run[EVALUATIONS] += int(shaped(floats(slot[WORK]), (1,))[0])
         run[SWITCHED] = -1
         if hit == -1:
+            if sliding:
+                # Loads and belts may jump.
+                return DECISION
             for j in range(count):
                 if sign[j] != 0.0 and laws[owner[j], RESTITUTION] >= 0.0 and gaps[owner[j]] == 0.0:
                     # Loads may begin to press on what touches its stop.
@@ -317,10 +415,25 @@ def run_segments(
         if hit == -2:
             return DECISION
         contact = owner[hit]
+        run[SWITCHED_TO] = leads[hit]
+        if contact >= stops:
+            for j in range(count):
+                if (sign[j] == 0.0 and owner[j] < stops) or tau == 0.0:
+                    # A stop at which something rests may hold the slider too.
+                    return DECISION
+            if leads[hit] == UP or leads[hit] == DOWN:
+                gaps[contact] = laws[contact, STRETCH] if leads[hit] == UP else -laws[contact, STRETCH]
+            fresh[1, contact] = 1.0
+            run[SWITCHED], run[UNSURE] = contact, 1
+            run[SLIPS] += 1
+            run[STATUS] = after[number, hit] if number < after.shape[0] else -1
+            if run[STATUS] < 0:
+                return NEW_STATUS
+            continue
         restitution = laws[contact, RESTITUTION]
         if restitution >= 0.0:
             for j in range(count):
-                if sign[j] == 0.0:
+                if sign[j] == 0.0 and (owner[j] < stops or slides[owner[j]] == laws[owner[j], STRETCH] == 0.0):
                     # What rests somewhere may move in an impact.
                     return DECISION
             gaps[contact] = 0.0
@@ -335,6 +448,13 @@ def run_segments(
             turned = (1.0 + restitution) * speed / laws[contact, SQUARE_OF_ROW]
             for k in range(n):
                 velocity[k] = state[1, k] - rows[contact, k] * turned
+            for j in range(stops, contacts):
+                slip, size = inner(drift[kind, j], begin[1, :drifting]), 0.0
+                for k in range(n):
+                    slip, size = slip + rows[j, k] * velocity[k], size + abs(rows[j, k]) * seen[1, k]
+                if slides[j] != 0.0 and slides[j] * slip <= STILL * size:
+                    # The impact stops the slider, or turns it.
+                    return DECISION
             largest[contact] = max(largest[contact], speed)
             # The state before the impact is a segment of no duration.
             row, e = run[SEGMENTS], run[EVENTS]
@@ -356,11 +476,11 @@ def run_segments(
             speed = abs(inner(rows[contact], state[1]))
             if speed * speed < laws[contact, PINNING] + laws[contact, PINNING_RATE] * speed:
                 return DECISION
-        run[SWITCHED] = contact
+        run[SWITCHED], run[UNSURE] = contact, 1
         gaps[contact] = 0.0
         e = run[EVENTS]
         event_time[e], event_contact[e] = time[0], contact
-        event_status[e] = shaped(integers(slot[LEADS]), (count,))[hit]
+        event_status[e] = leads[hit]
         run[EVENTS] = e + 1
         if number < after.shape[0]:
             run[STATUS] = after[number, hit]

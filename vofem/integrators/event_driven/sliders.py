@@ -25,6 +25,7 @@ from vofem.time_functions import TimeFunction
 from vofem.time_functions.piece import Piece
 
 if TYPE_CHECKING:
+    from vofem.integrators.event_driven.exosystem import Exosystem
     from vofem.integrators.event_driven.modal_space import ModalSpace
     from vofem.integrators.event_driven.spectrum import Spectrum
 
@@ -122,6 +123,20 @@ class Sliders:
     def __len__(self) -> int:
         return self.limit.size
 
+    @property
+    def breaks(self) -> Array:
+        """Where stuck ones break away: their force in N, or the elongation of their springs in m, shape (k,)."""
+        return np.where(self.rigid, self.static, self.static / self.stiffness)
+
+    @property
+    def stretch(self) -> Array:
+        """The elongation of their springs while they slide, m, shape (k,); zero for rigid ones."""
+        return np.where(self.rigid, 0.0, self.limit / self.stiffness)
+
+    def lines(self, loads: Exosystem) -> Integers:
+        """Return the loads whose constants put the anchors in their places, of all kinds, shape (k,)."""
+        return np.argmax((self.place(loads.function[0]) > 0.0) & (loads.omega[0] == 0.0), axis=1)
+
     def belt(self, t: ArrayLike, order: int = 0) -> Array:
         """Return the speeds of the belts at times in m/s, or their derivatives, shape (k, *t.shape)."""
         t = np.asarray(t, dtype=float)
@@ -144,8 +159,7 @@ class Sliders:
     def anchored(self, w: Array, function: Integers, omega: Array, place: Array) -> Array:
         """Return states of the loads (m, 2, e) in which the anchors are at some places, m, shape (m, k)."""
         w, of = w.copy(), self.place(function)
-        for j in range(len(self)):
-            line = int(np.flatnonzero((of[j] > 0.0) & (omega == 0.0))[0])
+        for j, line in enumerate(np.argmax((of > 0.0) & (omega == 0.0), axis=1).tolist()):
             others = of[j].copy()
             others[line] = 0.0
             w[:, 0, line] = place[:, j] - w[:, 0] @ others

@@ -19,6 +19,7 @@ from vofem.arrays import Array
 from vofem.errors import ConvergenceError, MethodError
 from vofem.integrators.base import Energies
 from vofem.integrators.event_driven.energy import work_and_dissipation
+from vofem.integrators.event_driven.loop import OVER, STILL
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.regime import Regime, Regimes, flat
 from vofem.integrators.event_driven.sliders import Sliders, with_sliders
@@ -32,10 +33,7 @@ Integers = NDArray[np.int64]
 _MOST_UNDECIDED = 8
 
 #: Shares of its limit by which a stuck slider may exceed it: the second one where rounding hides that it slides.
-_OVER = 1e-12, 1e-9
-
-#: A slip speed below this share of the largest one so far is zero, and so is an acceleration of its terms.
-_ZERO = 1e-11
+_OVER = OVER, 1e-9
 
 
 class FrictionSamples(NamedTuple):
@@ -50,6 +48,8 @@ class FrictionSamples(NamedTuple):
 class SlidingSolution(EventSolution):
     """The run of a scene with sliders, which are further rows behind those of the contacts."""
 
+    sliders: Sliders
+
     def __init__(self, system: System, space: ModalSpace, t_end: float, times: Array, counters: Counters) -> None:
         whole = with_sliders(system)
         super().__init__(whole, space, t_end, times, counters)
@@ -60,7 +60,6 @@ class SlidingSolution(EventSolution):
         self.sliders = Sliders(group, self.contact_count, len(self.load_functions))
         self.load_functions = [*self.load_functions, *self.sliders.anchors]
         self.load_vectors = np.concatenate([self.load_vectors, np.zeros((len(group), space.size))])
-        self._speed = 0.0
         rows = space.contacts[self.contact_count :][self.sliders.rigid]
         if len(rows) and np.linalg.matrix_rank(rows, tol=1e-9 * np.linalg.norm(rows, axis=1).max()) < len(rows):
             names = [group.labels[j] for j in np.flatnonzero(self.sliders.rigid)]
@@ -68,14 +67,6 @@ class SlidingSolution(EventSolution):
                 f"{' and '.join(names)} act on coordinates that depend on each other, so the forces of stuck sliders "
                 "are not unique; give one of them a stiffness, or join them into one"
             )
-
-    def go_on(self, saved: dict[str, Any]) -> tuple[float, Integers, Array, Array]:
-        """Restore a snapshot of the same run; return the time and the state from which the run continues."""
-        found = super().go_on(saved)
-        rows, segments = self.space.contacts[self.contact_count :], self.segments
-        speeds = np.abs(segments.velocity) @ np.abs(rows).T + np.abs(self.sliders.belt(segments.starts)).T
-        self._speed = float(np.max(speeds, initial=0.0))
-        return found
 
     # -- statuses -------------------------------------------------------------------------------------
 
@@ -85,24 +76,25 @@ class SlidingSolution(EventSolution):
         status[self.contact_count :] = np.where(self.sliders.rigid, PINNED, CLOSED)
         gaps = self._gaps(status, displacement, None, None, t)
         gaps[self.contact_count :] = 0.0
-        status, _ = self.decide(t, status, displacement, velocity, gaps, {})
+        status, _ = self.decide(t, status, displacement, velocity, gaps, {}, np.abs(velocity))
         self._initial = status
         return status
 
     def decide(
-        self, t: float, status: Integers, displacement: Array, velocity: Array, gaps: Array, triggered: dict[int, int]
-    ) -> tuple[Integers, Array]:
+        self, t: float, status: Integers, displacement: Array, velocity: Array, gaps: Array, triggered: dict[int, int],
+        fastest: Array,
+    ) -> tuple[Integers, Array]:  # fmt: skip
         """Return statuses and gaps (elongations of sliders' springs) after an event.
 
         `triggered`: sliders whose event functions reached zero, as numbers of rows, and where this leads.
+        `fastest` (shape (n,)): the largest modal velocities so far.
         """
         sliders, first = self.sliders, self.contact_count
         status, gaps = status.copy(), gaps.copy()
         rows = self.space.contacts[first:]
         belt = sliders.belt(t)
         slip = rows @ velocity - belt
-        self._speed = max(self._speed, float(np.max(np.abs(rows) @ np.abs(velocity) + np.abs(belt))))
-        still = np.abs(slip) <= _ZERO * self._speed
+        still = np.abs(slip) <= STILL * float(np.max(np.abs(rows) @ fastest + np.abs(belt)))
         undecided = []
         for j in range(len(sliders)):
             at = first + j
@@ -123,10 +115,6 @@ class SlidingSolution(EventSolution):
         if undecided:
             self._choose(t, status, displacement, velocity, gaps, triggered, undecided)
         return status, gaps
-
-    def at_rest(self, slip: float) -> bool:
-        """Return whether a slip speed is zero but for rounding."""
-        return abs(slip) <= _ZERO * self._speed
 
     def _against(self, status: Integers, row: Array) -> float:
         """Return the sign of the friction of a slider whose coordinate contacts that rest at their stops hold, else 0.
@@ -197,7 +185,7 @@ class SlidingSolution(EventSolution):
                 sign = 1.0 if status[at] == UP else -1.0
                 # One that has just begun to slide may go on as slowly as it began.
                 begins = at not in triggered and status[at] != before[at]
-                if sign * rate[j] < -_ZERO * size[j] or (begins and sign * rate[j] <= _ZERO * size[j]):
+                if sign * rate[j] < -STILL * size[j] or (begins and sign * rate[j] <= STILL * size[j]):
                     return False
         return True
 
@@ -231,6 +219,13 @@ class SlidingSolution(EventSolution):
     def linear(self) -> Regimes:
         """The linear pieces of all statuses."""
         return Regimes(self.system, self.space, self.load_vectors, self._counted, self.sliders)
+
+    def drift(self) -> Array:
+        """Return the factors with which loads enter the sliders' coordinates: these are seen from their anchors."""
+        loads = self.exosystem
+        factors = np.zeros((len(loads.omega), len(self.space.contacts), loads.size))
+        factors[:, self.contact_count :] = [-self.sliders.place(part) for part in loads.function]
+        return factors
 
     def loads_at(self, regime: Regime, times: Array, displacement: Array, gaps: Array) -> Array:
         """Return states of the loads (m, 2, e) at beginnings of segments of one kind; anchors follow from the state."""

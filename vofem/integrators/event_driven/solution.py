@@ -5,7 +5,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Iterator
 from functools import cached_property, wraps
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,9 @@ from vofem.integrators.unclosed import never_closed, open_throughout
 from vofem.kernels.mode import compiled, kernels
 from vofem.laws import initial_status
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Counters, Events, State, System
+
+if TYPE_CHECKING:
+    from vofem.integrators.event_driven.sliders import Sliders
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -124,6 +127,8 @@ class EventSolution:
     vectors: Array | None = None
     #: Time of the loads in s at which the run begins.
     since = 0.0
+    #: Sliders, whose rows are the last ones of the contacts; None where there are none.
+    sliders: Sliders | None = None
 
     def __init__(self, system: System, space: ModalSpace, t_end: float, times: Array, counters: Counters) -> None:
         self.t_end = t_end

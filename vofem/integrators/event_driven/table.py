@@ -19,8 +19,10 @@ Integers = NDArray[np.int64]
 #: Columns of a table of linear pieces: those that searches take, and places of arrays, see `Regime`. Steady answers
 #: (2e, 2m) have a load in each row. Real modes (n, m) are 0 where they are those without contacts, maps (2m, 2m) from
 #: real modes to blocks and back where damping couples no modes, and the displacement (n,) that puts pinned contacts at
-#: their gaps where there are none. The last column is the place of what searches take.
-OF, SIGN, LEVEL, OWNER, LEADS, STEADY, MODES, INTO, OUT, SHIFT, TAKEN, _COLUMNS = range(TAKES, TAKES + 12)
+#: their gaps where there are none. Of sliders there are 1 and -1 for those that slide up and down, with 0 for all other
+#: contacts (c,), and the displacements that follow loads (n, e). The last column is the place of what searches take.
+OF, SIGN, LEVEL, OWNER, LEADS, STEADY, MODES, INTO, OUT, SHIFT = range(TAKES, TAKES + 10)
+SLIDES, CARRIED, TAKEN, _COLUMNS = range(TAKES + 10, TAKES + 14)
 
 #: Memory of the arrays of a table above which it begins anew, bytes.
 _MOST_MEMORY = 128 * 2**20
@@ -38,7 +40,7 @@ def searched(regime: Regime) -> tuple[Integers, Array, list[NDArray]]:
         taken += [*(blocks.group or (None,) * len(Group._fields))]
         others = [
             blocks.of, exits.sign, exits.level, exits.owner, exits.leads, regime.answers.steady.T, real.modes,
-            None if mixed is None else mixed.into, None if mixed is None else mixed.out, real.shift,
+            None if mixed is None else mixed.into, None if mixed is None else mixed.out, real.shift, *_slides(regime),
         ]  # fmt: skip
         kept = [None if part is None else np.ascontiguousarray(part) for part in (*taken, *others)]
         sizes = exits.sign.size, len(blocks.pair), regime.levels.size, m, m - regime.loads
@@ -50,6 +52,16 @@ def searched(regime: Regime) -> tuple[Integers, Array, list[NDArray]]:
     row, work = known.copy(), np.empty(SPARE)
     row[WORK], row[TAKEN] = place_of(work), place_of(row)
     return row, work, [row, work, *parts]
+
+
+def _slides(regime: Regime) -> tuple[Array, Array | None]:
+    """Return 1 and -1 for sliders that slide, 0 for other contacts (c,), and the displacements that follow loads."""
+    status, sliders, pushes = regime.base.status, regime.sliders, regime.pushes
+    slides = np.zeros(status.size)
+    if sliders is None or pushes is None:
+        return slides, None
+    slides[sliders.first :] = sliders.signs(status)
+    return slides, pushes.carried if pushes.carried.any() else None
 
 
 class Statuses:

@@ -1,13 +1,9 @@
-"""Follows a motion where events do more than switch a spring or turn a speed: rests at rigid stops, and sliders.
+"""Follows a motion where events take decisions: rests at rigid stops, and sliders that stop or begin to slide at once.
 
-Impacts of which none does more are those of the compiled loop of `loop.py`, until one takes a decision. Motions with
-sliders are followed segment by segment in Python; motion and search are the same.
+Impacts that only turn a speed, and sliders that stop or begin to slide alone, are those of the compiled loop.
 """
 
 from __future__ import annotations
-
-from contextlib import nullcontext
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,24 +12,10 @@ from vofem.arrays import Array
 from vofem.errors import ConvergenceError, EventStormError
 from vofem.integrators.event_driven.bounces import REST, struck
 from vofem.integrators.event_driven.follow import Follower
-from vofem.integrators.event_driven.loop import LEFT, SWITCHED, ZERO
-from vofem.integrators.event_driven.regime import Regime
-from vofem.integrators.event_driven.search import (
-    BEGINNING,
-    CONSTANTS,
-    FUNCTION_ROWS,
-    HIT,
-    ROWS,
-    START,
-    march,
-)
+from vofem.integrators.event_driven.loop import NEAR, SWITCHED, SWITCHED_TO, ZERO
 from vofem.integrators.event_driven.sliding import SlidingSolution
 from vofem.integrators.event_driven.solution import EventSolution
-from vofem.integrators.event_driven.table import searched
 from vofem.integrators.event_driven.tangent import acceleration
-from vofem.kernels.addresses import called, place_of
-from vofem.kernels.jit import CompiledFunction
-from vofem.kernels.mode import kernels
 from vofem.laws.friction import DOWN, UP
 from vofem.system import CLOSED, OPEN, PINNED
 
@@ -46,14 +28,8 @@ _MOST_AT_ONCE = 10_000
 _STALLED = 200
 
 
-#: Share of the time of a search within which an open contact is not told from one that rests at its gap.
-_NEAR = 1e-6
-
 #: Derivatives of forces that are looked at where bodies at rest begin to be pressed on a stop.
 _MOST_DERIVATIVES = 4
-
-#: Linear pieces that are kept as searches take them.
-_MOST_PIECES = 16
 
 
 class Walker(Follower):
@@ -68,46 +44,47 @@ class Walker(Follower):
         assert laws is not None
         self._laws, self._rows = laws, solution.space.contacts
         self._farthest, self._fastest = self._seen
-        self._sliders = len(laws) if not isinstance(solution, SlidingSolution) else solution.contact_count
         # Whether the present state is that after a bounce.
         self._bounced = False
-        # Sliders that have changed their status at the last event.
-        self._triggered: set[int] = set()
         # Events in a row at one moment.
         self._stalled = 0
-        # What searches take of linear pieces, by these.
-        self._pieces: dict[int, tuple[Regime, Status, Array, list[NDArray]]] = {}
         if solution.record.segments:
             assert solution.gaps_now is not None
             self._gaps[:] = solution.gaps_now
-            self._triggered = self._changed(solution.record.last_status)
+            self._fresh[1, self._stops :] = (self.status != solution.record.last_status)[self._stops :]
             parts, rows = solution.record.buffers, slice(solution.record.segments)
             self._see(np.abs(parts.displacement[rows]).max(axis=0), np.abs(parts.velocity[rows]).max(axis=0))
             if solution.bounces is not None:
                 np.maximum.at(self._largest, solution.bounces.contact, solution.bounces.approach)
         else:
             self._gaps[:] = solution.gaps_at(self.status, displacement, time)
-            self._gaps[self._sliders :] = 0.0
+            self._gaps[self._stops :] = 0.0
             touching = self._laws.rigid & (self._gaps == 0.0)
             self._strike(touching)
             if touching.any() and isinstance(solution, SlidingSolution):
                 # Sliders were chosen with the speeds from before the impacts.
                 self._decide({})
 
-    def _changed(self, before: Status) -> set[int]:
-        """Return the numbers of the sliders whose status is another one than before."""
-        return {int(j) for j in np.flatnonzero(before != self.status) if j >= self._sliders}
-
     def advance(self) -> None:
         """Compute one segment or more, and what the event at the end does."""
-        in_python = isinstance(self.solution, SlidingSolution)
-        if not in_python:
-            _, rests = self._resting(self.solution.t_end - self.time)
-            in_python = bool(np.any(rests & (self.status != PINNED)))
-        if in_python:
-            self._advance()
-        else:
-            super().advance()
+        solution = self.solution
+        edges, now = solution.exosystem.edges, solution.exosystem.interval(np.array([self.time]))[0]
+        duration = float(edges[now + 1]) - self.time
+        places, rests = self._resting(duration)
+        leaving = rests & (self.status != PINNED)
+        leaving[self._stops :] = False
+        # What leaves its stop without speed, as forces slowly change their signs, is not followed from nothing.
+        near = places + self._forces() * (NEAR * duration) ** 2 if leaving.any() else places
+        self._fresh[0] = np.where(leaving, near, 0.0)
+        self._single = bool(leaving.any())
+        before = self.time
+        super().advance()
+        self._stalled = self._stalled + 1 if self.time == before else 0
+        if self._stalled > _STALLED and isinstance(solution, SlidingSolution):
+            raise ConvergenceError(
+                f"at t = {self.time:.6g} s sliders stop and begin to slide without end, "
+                f"{solution.sliders.labels[0]} among them; rounding hides what happens there. Give them a stiffness"
+            )
 
     def _resting(self, duration: float) -> tuple[Array, NDArray[np.bool_]]:
         """Return sizes of the contacts' coordinates within a duration, m, and which rest at their gaps, (n_contacts,).
@@ -119,50 +96,29 @@ class Walker(Follower):
         places = np.abs(self._rows) @ (self._farthest + time * self._fastest)
         return places, (np.abs(self._gaps) <= ZERO * places) & (np.abs(self._rows @ self.velocity) <= self._zero())
 
-    def _take_over(self, functions: Array | None) -> None:
+    def _enter(self) -> None:
+        """Write the state that has been reached; springs of sliders keep their elongations."""
+        kept = self._gaps[self._stops :].copy()
+        super()._enter()
+        self._gaps[self._stops :] = kept
+
+    def _take_over(self, functions: Array | None, *, overload: bool) -> None:
         """Take over what the loop has done, and what rests at stops after the event that it leaves open."""
         self._bounced = False
-        super()._take_over(functions)
+        super()._take_over(functions, overload=overload)
+        if overload:
+            self._overload(int(self._run[SWITCHED]), int(self._run[SWITCHED_TO]))
         self.solution.gaps_now = self._gaps.copy()
 
-    def _advance(self) -> None:
-        """Compute one segment, and what the event at its end does."""
-        solution, record, switched = self.solution, self.solution.record, self._run[SWITCHED]
-        if switched >= 0:
-            self.displacement = solution.at_gaps(np.array([switched]), self.displacement, self.time)
-        # The loop has not met what comes.
-        self._run[SWITCHED] = self._run[LEFT] = -1
-        loads = solution.exosystem
-        interval = int(loads.interval(np.array([self.time]))[0])
-        regime = solution.regime(self.status, int(loads.kind[interval]))
-        duration = float(loads.edges[interval + 1]) - self.time
-        group = regime.blocks.group
-        index = self._record()
-        w = solution.loads_at(regime, np.array([self.time]), self.displacement[None], self._gaps[None])
-        begin = regime.begin(self.displacement[None], self.velocity[None], w)
-        if regime.held:
-            self.displacement, self.velocity = (part[0] for part in regime.to_modes(begin, shifted=True))
-        with nullcontext() if group is None else kernels(compiled=False):
-            tau, hits = self._next_event(regime, begin[0], duration)
-        moved = regime.changes(begin, np.zeros(1, dtype=np.int64), np.array([tau]))
-        displacement, velocity = (part[0] for part in regime.to_modes(moved))
-        record.buffers.durations[index] = tau
-        self.time = float(loads.edges[interval + 1]) if tau >= duration else self.time + tau
-        self.displacement, self.velocity = self.displacement + displacement, self.velocity + velocity
-        self._gaps += regime.coordinates @ moved.ravel()
-        self._hold_sliders()
-        solution.counters.steps += 1
-        self._triggered = set()
-        if hits.size or tau >= duration:
-            exits = regime.exits
-            self._pass_event(dict(zip(exits.owner[hits].tolist(), exits.leads[hits].tolist(), strict=True)))
-        solution.gaps_now = self._gaps.copy()
-        self._stalled = self._stalled + 1 if tau == 0.0 else 0
-        if self._stalled > _STALLED and isinstance(solution, SlidingSolution):
-            raise ConvergenceError(
-                f"at t = {self.time:.6g} s sliders stop and begin to slide without end, "
-                f"{solution.sliders.labels[0]} among them; rounding hides what happens there. Give them a stiffness"
-            )
+    def _overload(self, switched: int, lead: int) -> None:
+        """Choose the statuses of sliders where some cannot hold what follows the event of a contact or slider."""
+        triggered = {}
+        if switched >= self._stops:
+            self.status = self.solution.record.last_status
+            # One that slid before has come to rest first.
+            stops = lead in (UP, DOWN) and self.status[switched] in (UP, DOWN)
+            triggered = {switched: PINNED if stops else lead}
+        self._decide(triggered)
 
     def _see(self, displacement: Array, velocity: Array) -> None:
         """Take a modal state among those whose size tells what is rounding."""
@@ -182,78 +138,21 @@ class Walker(Follower):
         record.buffers.durations[record.segments - 1] = 0.0
         return record.segments - 1
 
-    def _next_event(self, regime: Regime, begin: Array, duration: float) -> tuple[float, Status]:
-        """Return the time until the next event, and the event functions that reach zero then."""
-        none, exits = np.zeros(0, dtype=np.int64), regime.exits
-        if not exits.sign.size:
-            return duration, none
-        contact = exits.sign != 0.0
-        owner = exits.owner
-        start = np.where(contact, exits.sign * self._gaps[exits.owner], np.sum(exits.rows * begin, axis=(1, 2)))
-        level = exits.level.copy()
-        own = np.flatnonzero(owner >= self._sliders)
-        if own.size:
-            self._start_sliders(regime, start, level, own, duration)
-        if regime.spectrum.blocks is not None:
-            sizes = self.solution.row_sizes @ np.abs(self.displacement)
-            level += np.where(contact, sizes[exits.owner], 0.0)
-        places, rests = self._resting(duration)
-        leaving = contact & rests[exits.owner]
-        if leaving.any():
-            # What leaves its stop without speed, as forces slowly change their signs, is not followed from nothing.
-            near = places + self._forces() * (_NEAR * duration) ** 2
-            level += np.where(leaving, near[exits.owner], 0.0)
-        x, f = np.empty((ROWS, begin.shape[1])), np.empty((FUNCTION_ROWS, start.size))
-        x[:START], x[START : START + 2] = regime.blocks.of, begin
-        f[BEGINNING], f[CONSTANTS] = start, level
-        if id(regime) not in self._pieces:
-            if len(self._pieces) >= _MOST_PIECES:
-                self._pieces.clear()
-            self._pieces[id(regime)] = regime, *searched(regime)
-        _, piece, work, _ = self._pieces[id(regime)]
-        tau = called(cast(CompiledFunction, march), place_of(piece), x, f, self.time, duration)
-        self.solution.counters.gap_evaluations += int(work[0]) * len(self._laws)
-        return tau, np.flatnonzero(f[HIT])
-
-    def _start_sliders(self, regime: Regime, start: Array, level: Array, own: Status, duration: float) -> None:
-        """Fill in values of the event functions of sliders at the start, and sizes of their constants."""
-        assert isinstance(self.solution, SlidingSolution)
-        sliders = self.solution.sliders
-        forces, exits = self._forces(), regime.exits
-        for k in own.tolist():
-            j, at = int(exits.owner[k]) - self._sliders, int(exits.owner[k])
-            if self.status[at] == CLOSED:
-                sign = 1.0 if exits.leads[k] == UP else -1.0
-                start[k] = sign * self._gaps[at] - sliders.static[j] / sliders.stiffness[j]
-                if at in self._triggered and start[k] >= 0.0:
-                    # It has just come to rest, and its speed is zero but for rounding.
-                    level[k] += forces[at] * (_NEAR * duration) ** 2
-            elif self.status[at] != PINNED and at in self._triggered and self.solution.at_rest(start[k]):
-                # It begins to slide from rest.
-                start[k] = 0.0
-                level[k] += forces[at] * _NEAR * duration
-            start[k] = min(start[k], 0.0)
-
-    def _hold_sliders(self) -> None:
-        """Put the springs of sliders that slide at their limits; rigid sliders have none."""
-        if isinstance(self.solution, SlidingSolution):
-            sliders, first = self.solution.sliders, self._sliders
-            signs = sliders.signs(self.status)
-            sliding = signs * np.where(sliders.rigid, 0.0, sliders.limit / sliders.stiffness)
-            stuck = np.where(sliders.rigid, 0.0, self._gaps[first:])
-            self._gaps[first:] = np.where(signs != 0.0, sliding, stuck)
-
     def _decide(self, triggered: dict[int, int]) -> None:
         """Choose the statuses of the sliders."""
-        assert isinstance(self.solution, SlidingSolution)
+        solution, stops = self.solution, self._stops
+        assert isinstance(solution, SlidingSolution)
         before = self.status
         # What has come to rest at a stop has lost its speed in an impact, which sliders do not resist.
-        held = self._rows[: self._sliders][before[: self._sliders] == PINNED]
+        held = self._rows[:stops][before[:stops] == PINNED]
         velocity = self.velocity - np.linalg.pinv(held) @ (held @ self.velocity) if len(held) else self.velocity
-        self.status, self._gaps[:] = self.solution.decide(
-            self.time, before, self.displacement, velocity, self._gaps, triggered
+        self._see(self.displacement, self.velocity)
+        self.status, self._gaps[:] = solution.decide(
+            self.time, before, self.displacement, velocity, self._gaps, triggered, self._fastest
         )
-        self.solution.counters.events += int(np.sum(before[self._sliders :] != self.status[self._sliders :]))
+        solution.counters.events += int(np.sum(before[stops:] != self.status[stops:]))
+        if solution.record.segments:
+            self._fresh[1, stops:] = (self.status != solution.record.last_status)[stops:]
 
     def _zero(self) -> Array:
         """Return the speeds at the contacts below which they are rounding, m/s."""
@@ -275,8 +174,8 @@ class Walker(Follower):
         touching = self._laws.rigid & (self.status == OPEN) & (self._gaps == 0.0)
         if not entered and touching.any():
             self._strike(touching)
-        triggered = {j: new for j, new in entered.items() if j >= self._sliders}
-        entered = {j: new for j, new in entered.items() if j < self._sliders}
+        triggered = {j: new for j, new in entered.items() if j >= self._stops}
+        entered = {j: new for j, new in entered.items() if j < self._stops}
         if entered:
             # A slider that breaks away at the same time holds nothing any more.
             self.status = self.status.copy()
@@ -284,9 +183,7 @@ class Walker(Follower):
                 self.status[j] = new if new in (UP, DOWN) else self.status[j]
             self._pass_contacts(entered)
         if isinstance(self.solution, SlidingSolution):
-            before = self.solution.record.last_status
             self._decide(triggered)
-            self._triggered = self._changed(before)
 
     def _pass_contacts(self, entered: dict[int, int]) -> None:
         solution, rigid = self.solution, self._laws.rigid
@@ -360,7 +257,7 @@ class Walker(Follower):
         total = acceleration(solution.space, self._laws, self.status, self.displacement, velocity, load)
         if isinstance(solution, SlidingSolution):
             push = np.zeros(len(self._laws))
-            sliders, first = solution.sliders, self._sliders
+            sliders, first = solution.sliders, self._stops
             stuck = self.status[first:] == CLOSED
             behind = stuck * (self._gaps[first:] - self._rows[first:] @ self.displacement)
             push[first:] = sliders.signs(self.status) * sliders.limit + self._laws.stiffness[first:] * behind
@@ -426,7 +323,7 @@ class Walker(Follower):
         noise = np.max((sizes @ np.abs(row)) * powers) / powers
         held = self._rows[self.status == PINNED]
         free = np.eye(row.size) - np.linalg.pinv(held) @ held
-        if np.linalg.norm(free @ row) <= _NEAR * np.linalg.norm(row):
+        if np.linalg.norm(free @ row) <= NEAR * np.linalg.norm(row):
             free = np.eye(row.size)
         before, after = velocity, free @ force
         for order, load, own, least in zip(orders, loads, sizes, noise, strict=True):
