@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vofem.arrays import Array, IntArray
-from vofem.integrators.stepping.kernel import Equations, Rules
+from vofem.integrators.stepping.kernel import NO_DRIFT, Equations, Rules
 from vofem.integrators.stepping.reactions import ABSENT, ACTS, HOLDS, PUSHES
 from vofem.integrators.stepping.record import Path
 from vofem.integrators.stepping.structure import Structure
@@ -28,7 +28,7 @@ class Guides:
 
     def over(
         self, path: Path, times: Array, equations: Equations, status: IntArray | None, fixed: bool
-    ) -> tuple[Equations, Array | None, Rules | None]:
+    ) -> tuple[Equations, Array, Rules | None]:
         """Return equations, `drift` and `rules` for steps on from the last row of a path, see `kernel.advance`.
 
         `times`: of all ends of the steps, and one step ahead, s.
@@ -36,7 +36,7 @@ class Guides:
         `fixed`: whether they keep it.
         """
         if not self.act:
-            return equations, None, None
+            return equations, NO_DRIFT, None
         drift = self.drift(path, path.filled, times)
         rules = self.rules(times, status, fixed) if self.structure.special else None
         if rules is not None and self.structure.travels:

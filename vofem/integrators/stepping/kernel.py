@@ -59,6 +59,9 @@ from vofem.linalg.vectors import copy, fill
 #: A correction of the mean velocity above this fraction of it is corrected again.
 _SMALL = 2.0**-6
 
+#: `drift` of `advance` where laws' coordinates are ``b.q``.
+NO_DRIFT = np.empty((2, 0, 0))
+
 
 class Numbers(NamedTuple):
     """The numbers of a method for one step size; see the module for the first five."""
@@ -230,22 +233,23 @@ def _plain_largest(x: Array) -> float:
 @jit
 def advance(
     equations: Equations, numbers: Numbers, factored: Array, coupling: Array, dampers: bool, pots: Springpots | None,
-    drift: Array | None, rules: Rules | None, values: Array, loads: Array, shift: Array, earlier: Array | None,
+    drift: Array, rules: Rules | None, values: Array, loads: Array, shift: Array, earlier: Array,
     chunk: Chunk, work: Work,
 ) -> tuple[int, int]:  # fmt: skip
     """Take the steps that a chunk has rows for.
 
-    Arguments that may be None come separately, because numba leaves out code for arguments that are None.
+    Arguments that may be None come separately, because numba leaves out code for arguments that are None. It compiles
+    once for each combination of them, so few may be.
 
     `numbers`, `factored`, `coupling`: of `Size`.
     `dampers`: whether a law has a damper.
     `drift` (shape (2, steps + 2, m)): what is added to the laws' coordinates ``b.q`` at the ends of steps, and one step
-    ahead, m, and its rates.
+    ahead, m, and its rates; empty where nothing is.
     `rules`: what rows do that are no laws at fixed places; not without `drift`.
     `values` (shape (steps, k)), `loads` (shape (k, n)): in the balance of every step, as sums of values times loads.
     `shift` (shape (steps, n)): mean velocity less the mean rate of displacement, m/s; no rows where it is zero.
-    `earlier` (shape (n,)): mean acceleration over the step before that before the first one; None where laws do not act
-    by mean forces.
+    `earlier` (shape (n,)): mean acceleration over the step before that before the first one, where laws act by mean
+    forces.
     Returns `taken, solves`: number of steps, fewer than asked for where the next one has no solution, or where
     `rules.stops` before it; and of those in which a law acted.
     """
@@ -257,13 +261,13 @@ def advance(
     right, x, p, some = work.vectors[0], work.vectors[1], work.vectors[2], work.vectors[3]
     held, u_before, base, rate, before, last, free, per, y, found, more, damper = named(reactions)
     dt, b, mean, half = numbers.way.dt, numbers.b, numbers.way.mean, numbers.b * numbers.way.dt * numbers.cvw
-    m, solves, stride = found.size, 0, 0
+    m, solves, stride, drifts = found.size, 0, 0, drift.size > 0
     if rules is not None:
         stride = rules.stride
     way, explicit, weight = numbers.way, numbers.way.explicit, numbers.part
     damped, shifted, past = damping.shape[0] > 0, shift.shape[0] > 0, laws.state.size > 0
     # Without laws the solution replaces the residual, in its place where accelerations do not lag.
-    direct = m == 0 and earlier is None and numbers.alpha_m == 0.0
+    direct = m == 0 and not mean and numbers.alpha_m == 0.0
     if m == 0:
         x = right
     # Whether forces are known before the acceleration, so that nothing is searched.
@@ -278,7 +282,7 @@ def advance(
         # For mean forces p is guessed, the mean rate of displacement; otherwise q1 and v1 are those without w.
         # Motion that the step does not resolve changes its velocity from step to step. It drops out of the mean
         # velocities of the two steps before, which are extrapolated here.
-        if earlier is not None:
+        if mean:
             _sum(p, v0, half, earlier if k == 0 else chunk.a[k - 1])
         else:
             _ahead(q0, v0, a0, dt, dt * dt * numbers.cqa, dt * numbers.cva, q1, v1)
@@ -294,7 +298,7 @@ def advance(
                 found[j], held[j] = last[j], 0.0
             if not mean:
                 base[j] = dot(rows, there + j, q1)
-                if drift is not None:
+                if drifts:
                     base[j] += drift[0, k + 1, j]
                 # Only dampers ask for it, and springpots, which count as such.
                 rate[j] = _rate(rows, rules, drift, k, there + j, q1, v1, dampers)
@@ -307,7 +311,7 @@ def advance(
             fill(right, 0.0)
             for e in range(loads.shape[0]):
                 _sum(right, right, values[k, e], loads[e])
-            if earlier is not None:
+            if mean:
                 # Forces first: on fine meshes they cancel, and what inertia adds must not be rounded to their size.
                 _sum(some, q0, b * dt, p)
                 subtract_product(stiffness, some, right)
@@ -321,7 +325,7 @@ def advance(
                     _sum(q1, q0, dt, p)
                 for j in range(m):
                     base[j] = u_before[j] + dt * dot(rows, j, p) if stride == 0 else dot(rows, there + j, q1)
-                    if drift is not None:
+                    if drifts:
                         base[j] += drift[0, k + 1, j] - (drift[0, k, j] if stride == 0 else 0.0)
             else:
                 if b < 1.0:
@@ -354,7 +358,6 @@ def advance(
                     free[j], row = rate[j] if explicit else base[j], there + j
                     if rules is not None:  # noqa: SIM102
                         if kind[j] != ACTS:
-                            assert drift is not None
                             free[j] = base[j]
                             if not mean:
                                 free[j] = drift[0, k + 2, j]
@@ -383,7 +386,7 @@ def advance(
             if half * _largest(x) <= _SMALL * _largest(p):
                 break
         solves += 0 if explicit else solved
-        if earlier is not None:
+        if mean:
             _sum(q1, q0, dt, p)
             if shifted:
                 _sum(p, p, 1.0, shift[k])
@@ -400,7 +403,7 @@ def advance(
                 _sum(chunk.ends[k + 1], chunk.ends[k + 1], 1.0, a1)
         for j in range(m):
             y[j] = base[j] if explicit else dot(rows, there + j, q1)
-            if drift is not None and not explicit:
+            if drifts and not explicit:
                 y[j] += drift[0, k + 1, j]
             if rules is not None:  # noqa: SIM102
                 if not rules.present[k + 1, j]:
@@ -430,11 +433,11 @@ def advance(
 
 @jit
 def _rate(
-    rows: Rows, rules: Rules | None, drift: Array | None, k: int, row: int, q1: Array, v1: Array, dampers: bool
+    rows: Rows, rules: Rules | None, drift: Array, k: int, row: int, q1: Array, v1: Array, dampers: bool
 ) -> float:  # fmt: skip
     """Return the rate of a row's coordinate at the end of step k; without dampers only what moves the row."""
     rate = dot(rows, row, v1) if dampers else 0.0
-    if drift is not None:
+    if drift.size > 0:
         rate += drift[1, k + 1, row % drift.shape[2]]
     if rules is not None:  # noqa: SIM102 (numba leaves out the branch only so)
         if rules.stride > 0:

@@ -15,7 +15,7 @@ from vofem.integrators.rounding import static_loss
 from vofem.integrators.stepping.checks import check_times, contact_checks
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.guides import Guides
-from vofem.integrators.stepping.kernel import Equations, Size, advance, work_space
+from vofem.integrators.stepping.kernel import NO_DRIFT, Equations, Size, advance, work_space
 from vofem.integrators.stepping.reactions import Reactions, begin_reactions
 from vofem.integrators.stepping.record import Path, Record, Switches, hysteretic_energy
 from vofem.integrators.stepping.scheme import Forcing, Loaded
@@ -262,14 +262,13 @@ class Run:
         values, loads = np.ascontiguousarray(forcing.values[:, :count]), known.loads[:count]
         if self.scheme.mean and np.any(forcing.first):
             shift = forcing.first @ known.shift
-        equations, drift, rules = self.equations, None, None
+        equations, drift, rules = self.equations, NO_DRIFT, None
         if self.guides is not None:
             ahead = np.concatenate([[t[0] - dt], t, [t[-1] + dt]])
             equations, drift, rules = self.guides.over(path, ahead, equations, status, fixed)
-        earlier = path.chunk.a[max(path.filled - 1, 0)] if self.scheme.mean else None
         self.taken, solves = advance(
-            equations, *known.size[:3], self.dampers, pots, drift, rules, values, loads, shift, earlier,
-            path.steps(t.size), self._work(known.size),
+            equations, *known.size[:3], self.dampers, pots, drift, rules, values, loads, shift,
+            path.chunk.a[max(path.filled - 1, 0)], path.steps(t.size), self._work(known.size),
         )  # fmt: skip
         if self.callbacks is not None:
             self.callbacks.complain(dt)
