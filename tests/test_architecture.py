@@ -68,14 +68,16 @@ def test_no_other_module_branches_on_kinds_of_laws():
     assert {"ContactLaws", "HystereticLaws", "PrintedLaws", "SmoothLaws", "SpringpotLaws"} <= kinds
     assert "ContactLaws" in asked_for(ROOT / "system.py")
     for path, layer in modules():
-        if layer not in KNOWS_LAWS:
+        # Most modules name no class of laws at all.
+        if layer not in KNOWS_LAWS and any(kind in path.read_text() for kind in kinds):
             found = kinds & asked_for(path)
             assert not found, f"{path} asks for {found}"
 
 
 def test_library_code_neither_prints_nor_exits():
     for path, layer in modules():
-        if layer == "cli":
+        # Most modules hold none of these names before a parenthesis.
+        if layer == "cli" or not re.search(r"\b(print|exit|_exit|quit)\s*\(", path.read_text()):
             continue
         for node in ast.walk(parsed(path)):
             if isinstance(node, ast.Call):

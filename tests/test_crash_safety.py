@@ -392,28 +392,31 @@ def test_two_runs_with_one_checkpoint(tmp_path):
     assert path.exists()
 
 
-@pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg"])
-def test_pictures_for_which_there_is_no_room(suffix, tmp_path):
+def test_pictures_for_which_there_is_no_room(tmp_path):
     """In a process of its own, whose files may take a kilobyte."""
-    program = f"""
+    program = """
 import resource, signal, sys
 sys.dont_write_bytecode = True
 import vofem as vf
 from vofem.io.plot import time_history
 from vofem.io.render import render
 ball = vf.Mass(1.0, stiffness=1.0, name="ball")
-result = vf.simulate(vf.Scene([ball], initial={{ball: (0.0, 1.0)}}), 1.0)
+result = vf.simulate(vf.Scene([ball], initial={ball: (0.0, 1.0)}), 1.0)
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, resource.RLIM_INFINITY))
-for draw in (lambda: time_history(result, ball, "a{suffix}"), lambda: render(result, 1.0, "b{suffix}")):
-    try:
-        draw()
-    except vf.OutputError as error:
-        print(error)
+for ending in ("png", "pdf", "svg"):
+    history, shape = f"a.{ending}", f"b.{ending}"
+    draws = {history: lambda: time_history(result, ball, history), shape: lambda: render(result, 1.0, shape)}
+    for name, draw in draws.items():
+        try:
+            draw()
+        except vf.OutputError as error:
+            print(name, error)
 """
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.stderr == ""
-    assert done.stdout.count("cannot be written: File too large; make room in") == 2
+    told = [line for line in done.stdout.splitlines() if "cannot be written: File too large; make room in" in line]
+    assert [line.split()[0] for line in told] == [f"{name}.{end}" for end in ("png", "pdf", "svg") for name in "ab"]
     assert not list(tmp_path.iterdir())
 
 
