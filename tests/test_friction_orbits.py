@@ -250,7 +250,7 @@ def test_sliders_that_stick_all_along_stay_where_they_are_and_rest_in_the_middle
     assert largest.real == pytest.approx(np.exp(-decay * period) * np.cos(ring * period), rel=1e-9)
 
 
-@pytest.mark.parametrize("ends", [(2.0, 0.5), (0.5, 2.0)])
+@pytest.mark.parametrize("ends", [(1.1, 0.94), (0.94, 1.1)])
 @pytest.mark.parametrize("of", ["load", "limit", "pulled"])
 def test_a_mass_comes_to_rest_and_begins_to_slide(of: str, ends: tuple[float, float]) -> None:
     """Where its slider sticks nothing moves; it slides where the load exceeds the limit, in the middle of its play."""
