@@ -16,13 +16,14 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "default"))
 #: Modules that come first, because they take longest. The first two compile different kernels: those of event_driven,
 #: and those of methods that step in time. Two workers that begin with them compile few kernels twice.
 FIRST = (
-    "random_scenes", "energy_conserving", "continuation", "verification", "harmonic_balance", "docs", "populations",
-    "storage", "examples", "compiled_cache", "friction", "locus", "crash_safety", "sweep", "checkpoints", "pictures",
-    "tolerance_and_stops", "hysteresis", "kernel_modes", "backbone", "many_impacts", "cards", "fitting",
-    "sensitivities", "impact_orbits", "springpot", "statuses", "travelling", "hunt_friction", "interrupts",
-    "accuracy", "large_systems", "study_files", "hysteresis_in_time", "generalized_alpha", "symmetric_branches",
-    "choice_by_cost", "start_up", "impact_sensitivities", "initial", "movies", "condensed_orbits", "near_grazing",
-    "figures", "absent_effects", "cli", "gradients",
+    "random_scenes", "energy_conserving", "friction_orbits", "populations", "harmonic_balance", "locus",
+    "continuation", "verification", "docs", "impact_orbits", "storage", "compiled_cache", "symmetric_branches",
+    "examples", "backbone", "kernel_modes", "fitting", "crash_safety", "sweep", "sensitivities",
+    "tolerance_and_stops", "travelling", "checkpoints", "springpot", "orbit_sensitivities", "hunt_friction",
+    "pictures", "settling", "choice_by_cost", "study_files", "hysteresis", "figures", "near_grazing",
+    "steady_pictures", "friction", "movies", "accuracy", "impact_sensitivities", "event_loop", "start_up",
+    "interrupts", "large_systems", "statuses", "generalized_alpha", "many_impacts", "hysteresis_in_time",
+    "gradients", "stiff_equilibria", "cards", "condensed_orbits",
 )  # fmt: skip
 
 
