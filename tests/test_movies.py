@@ -11,7 +11,7 @@ from scenes import WRONG_SIZES, paper_beam
 import vofem as vf
 from vofem import cli
 from vofem.io import animate
-from vofem.io.movies import VIEWS, SideView, true_rate
+from vofem.io.movies import VIEWS, side_frames, true_rate
 from vofem.io.pictures.drawing import CLOSED
 from vofem.io.pictures.sketch import sketch
 from vofem.io.pictures.snapshot import snapshots
@@ -71,7 +71,7 @@ def test_contacts_light_up_while_closed_and_arrows_grow_with_the_force(run):
     impacts = result.contacts["stop"].impacts
     middle = result.times[np.argmax(result.contacts["stop"].force)]
     times = np.array([0.5 * impacts.closing[0], impacts.closing[0] + 1e-3, middle])
-    before, early, _ = (frame.astype(int) for frame in SideView(snapshots(result, times), (640, 360), 1.0).frames())
+    before, early, _ = (frame.astype(int) for frame in side_frames(snapshots(result, times), (640, 360), 1.0))
     assert glowing(before) == 0
     assert glowing(early) > 200
     sizes = []

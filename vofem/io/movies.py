@@ -146,106 +146,73 @@ _DPI = 100.0
 _SHADE, _LINE, _DOT = "#c9ccd2", "#16181d", "#e07b21"
 
 
-class SideView:
-    """Side views of a scene.
-
-    `size`: width and height in pixels.
-    `magnification`: factor by which displacements are enlarged.
-    `title`: stands before the time.
-    """
-
-    def __init__(
-        self, states: list[Snapshot], size: tuple[int, int], magnification: float | None, title: str = ""
-    ) -> None:
-        self._states, self._size, self._title = states, size, title
-        self.magnification = arrange(states[0], size, magnification).magnification
-        self._wanted = magnification if self.magnification is None else self.magnification
-
-    def with_magnification(self, magnification: float) -> SideView:
-        """Return the same view with another magnification."""
-        return SideView(self._states, self._size, magnification, self._title)
-
-    def frames(self) -> Iterator[Frame]:
-        """Yield the pictures in order."""
-        for state in self._states:
-            yield sketch(state, self._size, self._wanted, forces=True, title=self._title).pixels()
+def side_frames(
+    states: list[Snapshot], size: tuple[int, int], magnification: float | None, title: str = ""
+) -> Iterator[Frame]:
+    """Yield side views of a scene; `title` stands before the time."""
+    for state in states:
+        yield sketch(state, size, magnification, forces=True, title=title).pixels()
 
 
-class SpaceView:
-    """The structure in three dimensions, drawn by VTK without a window."""
-
-    def __init__(self, result: Result, times: Array, size: tuple[int, int], magnification: float | None) -> None:
-        self._times = times
-        self._stage = Stage("animate", result, times, 0, magnification, None, off_screen=True, window_size=size)
-        self._stage.look(size, times)
-
-    def frames(self) -> Iterator[Frame]:
-        """Yield the pictures in order."""
-        try:
-            for t in self._times.tolist():
-                self._stage.move(t)
-                self._stage.tell(t)
-                yield self._stage.pixels()
-        finally:
-            self._stage.plotter.close()
+def _space_frames(result: Result, times: Array, size: tuple[int, int], magnification: float | None) -> Iterator[Frame]:
+    """Yield the structure in three dimensions, drawn by VTK without a window."""
+    stage = Stage("animate", result, times, 0, magnification, None, off_screen=True, window_size=size)
+    try:
+        stage.look(size, times)
+        for t in times.tolist():
+            stage.move(t)
+            stage.tell(t)
+            yield stage.pixels()
+    finally:
+        stage.plotter.close()
 
 
-class AxesView:
-    """The motion of a point, drawn as it happens: the whole motion once, and for every frame its past and the present.
+def _axes_frames(
+    result: Result, point: Point, times: Array, window: tuple[float, float], size: tuple[int, int], title: str,
+    phase: bool,
+) -> Iterator[Frame]:  # fmt: skip
+    """Yield the motion of a point as it happens: the whole motion, drawn once, and on it its past and the present.
 
     Displacement over time, with closed contacts of the scene shaded, or velocity over displacement (`phase`).
     """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
-    def __init__(
-        self, result: Result, point: Point, times: Array, window: tuple[float, float], size: tuple[int, int],
-        title: str, phase: bool,
-    ) -> None:  # fmt: skip
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
+    figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, layout="constrained", facecolor="white")
+    canvas, axes = FigureCanvasAgg(figure), figure.add_subplot()
+    axes.grid(color="#e3e5e9", linewidth=0.7)
+    axes.set_axisbelow(True)
+    dense = times_of(result, *window, _DENSE)
+    factor, unit = length(float(np.max(np.abs(result.displacement(point, dense)), initial=0.0)))
 
-        figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, layout="constrained", facecolor="white")
-        self._canvas = FigureCanvasAgg(figure)
-        self._axes = axes = figure.add_subplot()
-        axes.grid(color="#e3e5e9", linewidth=0.7)
-        axes.set_axisbelow(True)
-        self._times, self._dense = times, times_of(result, *window, _DENSE)
-        factor, unit = length(float(np.max(np.abs(result.displacement(point, self._dense)), initial=0.0)))
+    def curve(at: Array) -> Array:
+        u = result.displacement(point, at) / factor
+        return np.stack([u, result.velocity(point, at) / factor] if phase else [at, u])
 
-        def curve(at: Array) -> Array:
-            u = result.displacement(point, at) / factor
-            return np.stack([u, result.velocity(point, at) / factor] if phase else [at, u])
+    if phase:
+        axes.set(xlabel=f"displacement [{unit}]", ylabel=f"velocity [{unit}/s]")
+    else:
+        for name in result.contacts:
+            for start, end in closed_intervals(result, name):
+                if end >= window[0] and start <= window[1]:
+                    axes.axvspan(start, end, color=_DOT, alpha=0.12, linewidth=0)
+        axes.set(xlabel="time [s]", ylabel=f"displacement [{unit}]", xlim=window)
+    path = curve(dense)
+    axes.plot(*path, color=_SHADE, linewidth=1.1)
+    line = axes.plot([], [], color=_LINE, linewidth=1.5, animated=True)[0]
+    dot = axes.plot([], [], "o", color=_DOT, markersize=8, animated=True)[0]
+    axes.set_title(title or point.describe(), fontsize=11)
+    canvas.draw()
+    background = canvas.copy_from_bbox(figure.bbox)
+    for t, now in zip(times, curve(times).T, strict=True):
+        past = dense < t
+        line.set_data(*(np.append(part[past], end) for part, end in zip(path, now, strict=True)))
+        dot.set_data(now[:1], now[1:])
+        canvas.restore_region(background)
+        axes.draw_artist(line)
+        axes.draw_artist(dot)
+        yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
-        #: Abscissa and ordinate of the curve, at the times at which it is drawn, and at those of the frames.
-        self._path, self._now = curve(self._dense), curve(times)
-        if phase:
-            axes.set(xlabel=f"displacement [{unit}]", ylabel=f"velocity [{unit}/s]")
-        else:
-            for name in result.contacts:
-                for start, end in closed_intervals(result, name):
-                    if end >= window[0] and start <= window[1]:
-                        axes.axvspan(start, end, color=_DOT, alpha=0.12, linewidth=0)
-            axes.set(xlabel="time [s]", ylabel=f"displacement [{unit}]", xlim=window)
-        axes.plot(*self._path, color=_SHADE, linewidth=1.1)
-        self._line = axes.plot([], [], color=_LINE, linewidth=1.5, animated=True)[0]
-        self._dot = axes.plot([], [], "o", color=_DOT, markersize=8, animated=True)[0]
-        axes.set_title(title or point.describe(), fontsize=11)
-
-    def frames(self) -> Iterator[Frame]:
-        """Yield the pictures in order."""
-        self._canvas.draw()
-        background = self._canvas.copy_from_bbox(self._axes.figure.bbox)
-        for t, now in zip(self._times, self._now.T, strict=True):
-            past = self._dense < t
-            self._line.set_data(*(np.append(part[past], end) for part, end in zip(self._path, now, strict=True)))
-            self._dot.set_data(now[:1], now[1:])
-            self._canvas.restore_region(background)
-            self._axes.draw_artist(self._line)
-            self._axes.draw_artist(self._dot)
-            yield np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
-
-
-#: A picture for each of some times.
-View = SideView | SpaceView | AxesView
 
 #: Largest displacement that is shown, over the length of the scene.
 _SHARE = 0.05
@@ -415,12 +382,13 @@ def animate(
     if isinstance(subject, Modes):
         if view != "side":
             raise ArgumentError(f"animate: mode shapes have no {view!r} view; choose view='side'")
-        count = _count(1.0, speed, frames, rate, _LOOP)
-        views: list[View] = [SideView(mode_snapshots(subject, mode, scene, count), shown, magnification)]
-        length = 1.0
+        count, length = _count(1.0, speed, frames, rate, _LOOP), 1.0
+        states = mode_snapshots(subject, mode, scene, count)
+        pictures = side_frames(states, shown, _magnification(states, shown, magnification))
     else:
         views, count, length = _of_runs(subject, view, point, window, (speed, frames, rate), shown, magnification)
-    pictures = _together(views, across=view == "phase")
+        # The pictures of all views at the same time become one.
+        pictures = (np.concatenate(parts, axis=int(view == "phase")) for parts in zip(*views, strict=True))
     label = "animate", "the number of frames done and that of all"
     with (
         replacing(goal) as temporary,
@@ -433,7 +401,7 @@ def animate(
 def _of_runs(
     subject: Any, view: str, point: Any, window: Any, timing: tuple[float | None, int | None, float],
     size: tuple[int, int], magnification: float | None,
-) -> tuple[list[View], int, float]:  # fmt: skip
+) -> tuple[list[Iterator[Frame]], int, float]:  # fmt: skip
     """Return the views of all runs, the number of frames, and the time that they show, s."""
     named = dict(subject) if isinstance(subject, Mapping) else {"": subject}
     if not named or not all(isinstance(one, (Result, PeriodicOrbit)) for one in named.values()):
@@ -446,21 +414,28 @@ def _of_runs(
     begin, end = window_of("animate", window, min(map(end_of, runs.values())))
     count = _count(end - begin, *timing, _LOOP if repeats else _FRAMES)
     times = np.linspace(begin, end, count, endpoint=not repeats)
-    views: list[View] = []
-    for title, run in runs.items():
-        at = _known(run, times)
-        if view == "side":
-            views.append(SideView(snapshots(run, at), size, magnification, title))
-        elif view == "space":
-            views.append(SpaceView(run, at, size, magnification))
-        else:
-            place = as_point("animate: point", point or points_of_interest(run.scene)[0], run.scene.bodies)
-            views.append(AxesView(run, place, at, (begin, end), size, title, view == "phase"))
-    sides = [one for one in views if isinstance(one, SideView) and one.magnification is not None]
-    if len(sides) > 1 and magnification is None:
-        least = min(one.magnification for one in sides if one.magnification is not None)
-        views = [one.with_magnification(least) if one in sides else one for one in views]
+    known = {title: _known(run, times) for title, run in runs.items()}
+    if view == "side":
+        states = {title: snapshots(run, known[title]) for title, run in runs.items()}
+        own = {title: _magnification(some, size, magnification) for title, some in states.items()}
+        # One for all, but for scenes without a length.
+        least = min(filter(None, own.values()), default=None)
+        views = [side_frames(some, size, own[title] and least, title) for title, some in states.items()]
+    elif view == "space":
+        views = [_space_frames(run, known[title], size, magnification) for title, run in runs.items()]
+    else:
+        places = [as_point("animate: point", point or points_of_interest(run.scene)[0], run.scene.bodies)
+                  for run in runs.values()]  # fmt: skip
+        views = [
+            _axes_frames(run, place, known[title], (begin, end), size, title, view == "phase")
+            for (title, run), place in zip(runs.items(), places, strict=True)
+        ]
     return views, count, end - begin
+
+
+def _magnification(states: list[Snapshot], size: tuple[int, int], wanted: float | None) -> float | None:
+    """Return by how much displacements are enlarged; None if that is not given and the scene has no length."""
+    return arrange(states[0], size, None).magnification if wanted is None else wanted
 
 
 def _count(length: float, speed: float | None, frames: int | None, rate: float, usual: int) -> int:
@@ -486,12 +461,6 @@ def _known(run: Result, times: Array) -> Array:
             "fewer frames=, a longer window, or name more times in times= when simulating"
         )
     return near
-
-
-def _together(views: list[View], across: bool) -> Iterator[Frame]:
-    """Yield the pictures of all views at the same time as one."""
-    for parts in zip(*(view.frames() for view in views), strict=True):
-        yield parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1 if across else 0)
 
 
 def _reported(pictures: Iterator[Frame], bar: TerminalBar, count: int) -> Iterator[Frame]:
