@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from vofem.arrays import Array
+from vofem.assembly import Model
 from vofem.blas import blas_threads
 from vofem.doubtful import doubtful
 from vofem.errors import MethodError
@@ -23,8 +24,8 @@ from vofem.progress import COMPILING, Progress, RunProgress
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.methods import cheaper, exact_instead, note_cost
-from vofem.simulate.start_time import model_at
 from vofem.system import State, System
+from vofem.time_functions import Shifted, as_time_function
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,20 @@ def run_plan(
         if not (result.interrupted and choice.first):
             choice.done(time.thread_time() - begun)
         return result
+
+
+def model_at(model: Model, t_start: float) -> Model:
+    """Return a model whose loads and varying orders begin at a time in s; for 0 the same model.
+
+    Both models share what was computed of the system, because it does not depend on time.
+    """
+    if t_start == 0.0:
+        return model
+    system = model.system
+    loads = tuple(replace(load, function=Shifted(as_time_function(load.function), t_start)) for load in system.loads)
+    shifted = replace(system, loads=loads, laws=tuple(group.shifted(t_start) for group in system.laws))
+    shifted.share(system)
+    return replace(model, system=shifted)
 
 
 def kind_of_run(method: Method, system: System) -> str:

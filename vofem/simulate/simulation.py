@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import number
+from vofem._validate import nearest, number, one_of, series
+from vofem.arrays import Array
+from vofem.bodies.base import Point
 from vofem.cards import from_io
-from vofem.initial import StateSource
+from vofem.errors import ArgumentError
+from vofem.histories.tables import named_points
+from vofem.initial import Initial, StateSource
+from vofem.integrators.base import ProbeRows
+from vofem.integrators.registry import advice, method_named, method_names
+from vofem.lookup import rows_over
 from vofem.progress import Progress
 from vofem.result import Result
-from vofem.scene import Scene
-from vofem.simulate.arguments import checked_plan
-from vofem.simulate.plan import run_plan
+from vofem.scene import Scene, as_scene
+from vofem.simulate.methods import choose, hint, option_names
+from vofem.simulate.plan import Plan, run_plan
 
 
 def simulate(
@@ -122,7 +131,81 @@ def simulate(
     returned, and a note says so. Ctrl-C waits for kernels that are being compiled.
     A second Ctrl-C raises KeyboardInterrupt at once, and nothing is returned.
     """
-    plan = checked_plan(scene, t_end, method, dt, tol, times, probes, options, initial, t_start, compiled)
+    t_end = number("simulate: t_end", t_end, positive=True)
+    if not (compiled is None or isinstance(compiled, (bool, np.bool_))):
+        raise ArgumentError(
+            f"simulate: compiled is {compiled!r}, expected True, False or None, which lets vofem decide"
+        )
+    wanted = None if times is None else _output_times(times, t_end)
+    system = as_scene("simulate", scene).model.system
+    t_start = number("simulate: t_start", t_start, minimum=0)
+    other = None if initial is None else Initial("simulate: initial", scene.bodies, initial, by_name=True)
+    if tol is not None:
+        tol = number("simulate: tol", tol, positive=True)
+    names = ("auto", *method_names())
+    if not isinstance(method, str) or method not in names:
+        raise ArgumentError(f"simulate: method is {method!r}, expected {one_of(names)}{hint(method, names)}")
+    # Steps of one size were asked for by name only, so dt is answered below.
+    chosen = choose(system, t_end, tol if dt is None else None).method if method == "auto" else method
+    taken = option_names(chosen)
+    if unknown := sorted(set(options) - set(taken)):
+        own = list(inspect.signature(simulate).parameters)[2:-1]
+        raise ArgumentError(
+            f"simulate: method {chosen!r} does not know the option {unknown[0]!r}"
+            f"{nearest(unknown[0], (*taken, *own))}; it takes {', '.join(taken) or 'none of its own'}"
+        )
+    description = method_named(chosen)
+    if not description.steps:
+        if dt is not None:
+            if method != "auto":
+                raise ArgumentError(f"simulate: dt was given, but {chosen} has no step; leave it out")
+            others = advice(system, steps=True)
+            cure = f"leave dt out, or use {others}" if others else "leave dt out: no method with steps treats the scene"
+            raise ArgumentError(
+                f"simulate: dt was given, but method='auto' takes {chosen} for this scene, which has no step; {cure}"
+            )
+        wanted = np.linspace(0.0, t_end, 1001) if wanted is None else wanted
+    if tol is not None:
+        if description.adaptive:
+            options = {**options, "tol": tol}
+        elif not (description.exact and method == "auto"):
+            # Where "auto" takes a method without errors of steps, any tolerance is met.
+            has = "no step" if not description.steps else "no steps that follow a tolerance"
+            raise ArgumentError(
+                f"simulate: tol was given, but {chosen} has {has}; choose {advice(adaptive=True)}, or leave it out"
+            )
+    step = None if dt is None else number("simulate: dt", dt, positive=True)
+    rows = None if probes is None else _probe_rows(scene, probes)
+    start, forgotten = None if other is None else scene.initial_state(other), scene.forgotten(other)
+    plan = Plan(chosen, t_end, wanted, step, options, rows, start, t_start, forgotten, compiled)
     every = number("simulate: checkpoint_every", checkpoint_every, minimum=0)
     writer = None if checkpoint is None else from_io("checkpoint")(checkpoint, scene)
     return run_plan(scene, plan, progress, writer, every, None)
+
+
+def _probe_rows(scene: Scene, probes: Mapping[str, Any] | Iterable[Any]) -> ProbeRows | None:
+    """Return names and rows of points to be recorded, or None where there are none."""
+    if not isinstance(probes, (Point, Iterable)):
+        raise ArgumentError(
+            f"simulate: probes is {probes!r}, expected points such as beam.at(x), or a dict of names and points"
+        )
+    named = named_points("simulate: probes", scene, probes)
+    return ProbeRows(tuple(named), rows_over(scene.model, scene.bodies, named.values())) if named else None
+
+
+def _output_times(times: ArrayLike, t_end: float) -> Array:
+    """Return where results are wanted, within [0, t_end], checked."""
+    wanted = series("simulate: times", times)
+    if np.any(np.diff(wanted) < 0):
+        k = int(np.argmax(np.diff(wanted) < 0))
+        raise ArgumentError(
+            f"simulate: times must be a list of times that does not decrease, found {wanted[k]:g} s "
+            f"followed by {wanted[k + 1]:g} s"
+        )
+    slack = 1e-12 * t_end
+    if wanted[0] < 0.0 or wanted[-1] > t_end + slack:
+        raise ArgumentError(
+            f"simulate: times reaches from {wanted[0]:g} to {wanted[-1]:g} s, expected within 0 to t_end = {t_end:g} s"
+            f"; uniform times are np.linspace(0, {t_end:g}, count)"
+        )
+    return np.minimum(wanted, t_end)

@@ -36,7 +36,7 @@ from vofem.io.storage.vtkhdf import frame_times, write_fields
 from vofem.kernels.mode import kernels
 from vofem.result import Result
 from vofem.scene import Scene
-from vofem.simulate.start_time import model_at
+from vofem.simulate.plan import model_at
 from vofem.system import Events
 
 #: Fields that the group `history` holds; the caller puts them back.
