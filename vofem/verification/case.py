@@ -145,6 +145,29 @@ class Case:
         return found
 
 
+def absolute(reference: float, tolerance: float | Mapping[str, float] | None = None) -> Quantity:
+    """Return a quantity, to be named by `case`, whose errors do not count relative to the reference."""
+    return Quantity("", reference, False, tolerance)
+
+
+def case(
+    number: int | None, name: str, source: str, right: Mapping[str, float | Quantity], how: Mapping[str, How]
+) -> Callable[[Callable[[Run], Iterable[float]]], Case]:
+    """Make a case of a function that measures its quantities in their order.
+
+    `right`: the right values of the quantities by their names; the errors of plain numbers are relative.
+    """
+    quantities = tuple(
+        replace(value, name=key) if isinstance(value, Quantity) else Quantity(key, float(value))
+        for key, value in right.items()
+    )
+
+    def make(measure: Callable[[Run], Iterable[float]]) -> Case:
+        return Case(number, name, source, quantities, lambda run: dict(zip(right, measure(run), strict=True)), how)
+
+    return make
+
+
 def counterpart(method: str) -> str:
     """Return the method of this package whose tolerances hold for a method: of one of its own, itself."""
     if method in (*DYNAMIC, *_OTHERS):

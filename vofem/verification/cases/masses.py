@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from typing import Literal
 
@@ -12,26 +12,28 @@ from vofem.bodies import Mass
 from vofem.effects import Constant, Contact, PointLoad, Sine, Spring, Springpot
 from vofem.scene import Scene
 from vofem.verification import case as by
-from vofem.verification.case import Case, How, Quantity, Run, exact, on_stop, stepping
+from vofem.verification.case import Case, How, Quantity, Run, absolute, case, exact, on_stop, stepping
 
 
 def cases() -> Iterator[Case]:
     """Yield the cases."""
-    yield _release()
+    yield _release
     for energy, gap in ((1e-3, 0.01), (1.0, 0.01), (1.0, 0.0)):
         yield _bilinear(energy, gap)
     for phase in (0.05, 0.2, 1.0, 5.0):
         yield _long_time(phase)
-    yield _rounding_of_steps()
-    yield _underflow()
-    yield from _gaps()
-    yield _huge_step()
+    yield _rounding_of_steps
+    yield _underflow
+    yield _preloaded
+    for gap in (10.0, 1e50):
+        yield _unreached(gap)
+    yield _huge_step
     yield _paper(4, "b", "penetration", 12.328983786650, 14.115411317495)
     yield _paper(5, "c", "penetration", 1.878224203370, 3.456593873995)
     yield _paper(5, "c", "displacement", 1.878224203370, 2.610164648343)
-    yield _order()
+    yield _order
     yield _cradle()
-    yield _preload()
+    yield _preload
     for ratio in (1e-6, 1e-12, 1e-30):
         yield _light_joint(ratio)
     yield _fractional("released", 1.0, 0.0, 0.0)
@@ -48,27 +50,23 @@ def release_on_a_stop() -> tuple[Mass, Scene]:
     return mass, on_stop(mass, 0.0, 1e6, (0.0, 1.0))
 
 
-def _release() -> Case:
-    def measure(run: Run) -> Mapping[str, float]:
-        mass, scene = release_on_a_stop()
-        result = run.simulate(scene, 0.1)
-        duration = float(result.contacts["stop"].openings[0])
-        nodes, weights = np.polynomial.legendre.leggauss(30)
-        force = 1e6 * result.displacement(mass, t=0.5 * duration * (1.0 + nodes))
-        return {
-            "duration [s]": duration,
-            "peak force [N]": 1e6 * float(result.displacement(mass, t=0.5 * duration)[0]),
-            "impulse [N s]": 0.5 * duration * float(weights @ force),
-        }
+#: Frequency of this mass in touch with the stop, rad/s.
+_TOUCHED = np.sqrt(1.01e6 / 100.0)
 
-    w = np.sqrt(1.01e6 / 100.0)
-    quantities = (
-        Quantity("duration [s]", np.pi / w),
-        Quantity("peak force [N]", 1e6 / w),
-        Quantity("impulse [N s]", 2e6 / w**2),
-    )
-    how = exact(1e-12) | stepping(1e-5, 1e-6)
-    return Case(1, "release on a stop", "closed form", quantities, measure, how)
+
+@case(
+    1, "release on a stop", "closed form",
+    {"duration [s]": np.pi / _TOUCHED, "peak force [N]": 1e6 / _TOUCHED, "impulse [N s]": 2e6 / _TOUCHED**2},
+    exact(1e-12) | stepping(1e-5, 1e-6),
+)  # fmt: skip
+def _release(run: Run) -> Iterable[float]:
+    mass, scene = release_on_a_stop()
+    result = run.simulate(scene, 0.1)
+    duration = result.contacts["stop"].openings[0]
+    nodes, weights = np.polynomial.legendre.leggauss(30)
+    force = 1e6 * result.displacement(mass, t=0.5 * duration * (1.0 + nodes))
+    peak = 1e6 * result.displacement(mass, t=0.5 * duration)[0]
+    return duration, peak, 0.5 * duration * (weights @ force)
 
 
 def bilinear_period(energy: float, gap: float, k: float = 10.0, k_stop: float = 50.0, m: float = 1.0) -> float:
@@ -89,111 +87,107 @@ def bilinear(energy: float, gap: float) -> Scene:
 
 
 def _bilinear(energy: float, gap: float) -> Case:
-    period = bilinear_period(energy, gap)
+    period, name = bilinear_period(energy, gap), f"bilinear oscillator, E = {energy:g} J, gap {gap:g} m"
 
-    def measure(run: Run) -> Mapping[str, float]:
+    @case(2, name, "closed form", {"period, the worst of all [s]": period}, exact(1e-12) | stepping(1e-3, 3e-5))
+    def measured(run: Run) -> Iterable[float]:
         periods = np.diff(run.simulate(bilinear(energy, gap), 30.0).contacts["stop"].closings)
-        return {"period, the worst of all [s]": float(periods[np.argmax(np.abs(periods - period))])}
+        return [periods[np.argmax(np.abs(periods - period))]]
 
-    quantities = (Quantity("period, the worst of all [s]", period),)
-    name = f"bilinear oscillator, E = {energy:g} J, gap {gap:g} m"
-    return Case(2, name, "closed form", quantities, measure, exact(1e-12) | stepping(1e-3, 3e-5))
+    return measured
 
 
 def _long_time(phase: float, steps: int = 1_000_000) -> Case:
     k_stop = 1e4
-    dt = phase / np.sqrt(1.0 + k_stop)
-
-    def measure(run: Run) -> Mapping[str, float]:
-        scene = on_stop(Mass(1.0, stiffness=1.0), 0.1, k_stop, (0.0, 1.0))
-        result = run.simulate(scene, steps * dt, times=np.linspace(0.0, steps * dt, 2001))
-        return {"energy drift": result.energy.balance_error}
-
-    slow = phase != 1.0
+    dt, slow = phase / np.sqrt(1.0 + k_stop), phase != 1.0
     how = exact(1e-9, slow=slow) | {by.CONSERVING: How(1e-10, {"dt": dt}, slow=slow)}
     how[by.CENTRAL] = How(0.01, {"dt": dt}, "reported", "energy: ")
     if phase >= 2.0:
         how[by.CENTRAL] = How(0.0, {"dt": dt}, "refused", "critical step")
-    options = {"dt": dt, "rho_infinity": 1.0}
-    how[by.ALPHA] = (
-        How(0.01, options, "reported", "energy: ") if phase < 0.5 else How(0.0, options, "stopped", "blew up")
-    )
-    quantities = (Quantity("energy drift", 0.0, relative=False),)
-    return Case(7, f"long-time energy, 1e6 steps, omega dt = {phase:g}", "closed form", quantities, measure, how)
+    told = ("reported", "energy: ") if phase < 0.5 else ("stopped", "blew up")
+    how[by.ALPHA] = How(0.01 if phase < 0.5 else 0.0, {"dt": dt, "rho_infinity": 1.0}, *told)
+    name = f"long-time energy, 1e6 steps, omega dt = {phase:g}"
+
+    @case(7, name, "closed form", {"energy drift": absolute(0.0)}, how)
+    def measured(run: Run) -> Iterable[float]:
+        scene = on_stop(Mass(1.0, stiffness=1.0), 0.1, k_stop, (0.0, 1.0))
+        return [run.simulate(scene, steps * dt, times=np.linspace(0.0, steps * dt, 2001)).energy.balance_error]
+
+    return measured
 
 
-def _rounding_of_steps(dt: float = 1e-5, steps: int = 1_000_000) -> Case:
-    angles: dict[str, Callable[[], float]] = {
-        # The result of the recurrences in exact arithmetic.
-        by.CENTRAL: lambda: float(np.cos(steps * 2.0 * np.arcsin(0.5 * dt))),
-        by.CONSERVING: lambda: float(np.cos(steps * 2.0 * np.arctan(0.5 * dt))),
-        by.ALPHA: lambda: float(np.cos(steps * 2.0 * np.arctan(0.5 * dt))),
-    }
-
-    def measure(run: Run) -> Mapping[str, float]:
-        mass = Mass(1.0, stiffness=1.0)
-        result = run.simulate(Scene([mass], initial={mass: (1.0, 0.0)}), steps * dt, times=[0.0, steps * dt])
-        expected = angles[run.method]() if run.method in angles else np.cos(steps * dt)
-        return {"loss to rounding [m]": float(result.displacement(mass)[-1] - expected)}
-
-    how = exact(1e-14) | stepping(dt, 1e-9)
-    how[by.ALPHA] = How(1e-9, {"dt": dt, "rho_infinity": 1.0})
-    source = "closed form of the recurrence in exact arithmetic"
-    quantities = (Quantity("loss to rounding [m]", 0.0, relative=False),)
-    return Case(23, "a million small steps, dt = 1e-5", source, quantities, measure, how)
+_SMALL, _MILLION = 1e-5, 1_000_000
 
 
-def _underflow() -> Case:
-    period = bilinear_period(1.0, 0.0)
-
-    def measure(run: Run) -> Mapping[str, float]:
-        scene = on_stop(Mass(1.0, stiffness=10.0), 0.0, 50.0, (-1e-170, 0.0))
-        closings = run.simulate(scene, 10.0).contacts["stop"].closings
-        return {"closings": closings.size, "period [s]": float(np.diff(closings)[0]) if closings.size > 1 else np.nan}
-
-    quantities = (Quantity("closings", 7.0, tolerance=0.0), Quantity("period [s]", period))
-    how = exact(1e-12) | stepping(1e-3, 3e-5)
-    return Case(26, "gaps of 1e-170 m, whose products underflow", "closed form", quantities, measure, how)
-
-
-def _gaps() -> Iterator[Case]:
-    def preloaded(run: Run) -> Mapping[str, float]:
-        mass = Mass(1.0, stiffness=10.0)
-        result = run.simulate(on_stop(mass, -0.1, 50.0, (-0.07, 0.0)), 3.0)
-        contact = result.contacts["stop"]
-        return {"displacement at 3 s [m]": float(result.displacement(mass)[-1]), "openings": contact.openings.size}
-
-    rest = -50.0 * 0.1 / 60.0
-    end = rest + (-0.07 - rest) * np.cos(3.0 * np.sqrt(60.0))
-    quantities = (Quantity("displacement at 3 s [m]", end), Quantity("openings", 0.0, False, 0.0))
-    how = exact(1e-13) | stepping(1e-4, 3e-6)
-    yield Case(27, "negative gap: preloaded and never open", "closed form", quantities, preloaded, how)
-
-    for gap in (10.0, 1e50):
-
-        def unreached(run: Run, gap: float = gap) -> Mapping[str, float]:
-            mass, start = Mass(1.0, stiffness=10.0), (1.0, 0.0)
-            scenes = on_stop(mass, gap, 50.0, start), Scene([mass], initial={mass: start})
-            held, free = (run.simulate(scene, 20.0).displacement(mass) for scene in scenes)
-            return {"difference to no contact [m]": float(np.max(np.abs(held - free)))}
-
-        only = (Quantity("difference to no contact [m]", 0.0, relative=False),)
-        name = f"a gap of {gap:g} m that is never reached"
-        yield Case(27, name, "bitwise", only, unreached, exact(0.0) | stepping(1e-2, 0.0))
+@case(
+    23, "a million small steps, dt = 1e-5", "closed form of the recurrence in exact arithmetic",
+    {"loss to rounding [m]": absolute(0.0)},
+    exact(1e-14) | stepping(_SMALL, 1e-9) | {by.ALPHA: How(1e-9, {"dt": _SMALL, "rho_infinity": 1.0})},
+)  # fmt: skip
+def _rounding_of_steps(run: Run) -> Iterable[float]:
+    mass, end = Mass(1.0, stiffness=1.0), _MILLION * _SMALL
+    result = run.simulate(Scene([mass], initial={mass: (1.0, 0.0)}), end, times=[0.0, end])
+    # The angle of the recurrences in exact arithmetic.
+    angle = _MILLION * 2.0 * (np.arcsin if run.method == by.CENTRAL else np.arctan)(0.5 * _SMALL)
+    recurs = run.method in (by.CENTRAL, by.CONSERVING, by.ALPHA)
+    return [result.displacement(mass)[-1] - np.cos(angle if recurs else end)]
 
 
-def _huge_step() -> Case:
-    def measure(run: Run) -> Mapping[str, float]:
-        mass = Mass(1.0, stiffness=1e12)
-        result = run.simulate(Scene([mass], initial={mass: (1.0, 1e6)}), 1000.0, times=np.linspace(0.0, 1000.0, 1001))
-        return {"energy drift": result.energy.balance_error}
+@case(
+    26, "gaps of 1e-170 m, whose products underflow", "closed form",
+    {"closings": Quantity("", 7.0, tolerance=0.0), "period [s]": bilinear_period(1.0, 0.0)},
+    exact(1e-12) | stepping(1e-3, 3e-5),
+)  # fmt: skip
+def _underflow(run: Run) -> Iterable[float]:
+    scene = on_stop(Mass(1.0, stiffness=10.0), 0.0, 50.0, (-1e-170, 0.0))
+    closings = run.simulate(scene, 10.0).contacts["stop"].closings
+    return closings.size, np.diff(closings)[0] if closings.size > 1 else np.nan
 
-    how = exact(1e-9)
-    how[by.CONSERVING] = How(1e-10, {"dt": 1.0}, says="do not resolve")
-    how[by.ALPHA] = How(0.01, {"dt": 1.0}, "reported", "do not resolve")
-    how[by.CENTRAL] = How(0.0, {"dt": 1.0}, "refused", "critical step")
-    quantities = (Quantity("energy drift", 0.0, relative=False),)
-    return Case(29, "huge steps, omega dt = 1e6", "closed form", quantities, measure, how)
+
+#: Where the preloaded mass would rest, m.
+_REST = -50.0 * 0.1 / 60.0
+
+
+@case(
+    27, "negative gap: preloaded and never open", "closed form",
+    {
+        "displacement at 3 s [m]": _REST + (-0.07 - _REST) * np.cos(3.0 * np.sqrt(60.0)),
+        "openings": absolute(0.0, 0.0),
+    },
+    exact(1e-13) | stepping(1e-4, 3e-6),
+)  # fmt: skip
+def _preloaded(run: Run) -> Iterable[float]:
+    mass = Mass(1.0, stiffness=10.0)
+    result = run.simulate(on_stop(mass, -0.1, 50.0, (-0.07, 0.0)), 3.0)
+    return result.displacement(mass)[-1], result.contacts["stop"].openings.size
+
+
+def _unreached(gap: float) -> Case:
+    right, how = {"difference to no contact [m]": absolute(0.0)}, exact(0.0) | stepping(1e-2, 0.0)
+
+    @case(27, f"a gap of {gap:g} m that is never reached", "bitwise", right, how)
+    def measured(run: Run) -> Iterable[float]:
+        mass, start = Mass(1.0, stiffness=10.0), (1.0, 0.0)
+        scenes = on_stop(mass, gap, 50.0, start), Scene([mass], initial={mass: start})
+        held, free = (run.simulate(scene, 20.0).displacement(mass) for scene in scenes)
+        return [np.max(np.abs(held - free))]
+
+    return measured
+
+
+@case(
+    29, "huge steps, omega dt = 1e6", "closed form", {"energy drift": absolute(0.0)},
+    {
+        by.EVENT_DRIVEN: How(1e-9),
+        by.CONSERVING: How(1e-10, {"dt": 1.0}, says="do not resolve"),
+        by.ALPHA: How(0.01, {"dt": 1.0}, "reported", "do not resolve"),
+        by.CENTRAL: How(0.0, {"dt": 1.0}, "refused", "critical step"),
+    },
+)  # fmt: skip
+def _huge_step(run: Run) -> Iterable[float]:
+    mass = Mass(1.0, stiffness=1e12)
+    scene = Scene([mass], initial={mass: (1.0, 1e6)})
+    return [run.simulate(scene, 1000.0, times=np.linspace(0.0, 1000.0, 1001)).energy.balance_error]
 
 
 # -- Hard cases of few masses that meet each other: 4, 5, 11, 12 and 22
@@ -213,86 +207,78 @@ def paper_masses(loads: str, acts_on: Law) -> tuple[Mass, Mass, Scene]:
 
 
 def _paper(number: int, loads: str, acts_on: Law, closing: float, opening: float) -> Case:
-    def measure(run: Run) -> Mapping[str, float]:
+    right = {"first closing [s]": closing, "first opening [s]": opening}
+    how = exact(1e-12) | stepping(1e-3, 1e-6 if acts_on == "penetration" else 1e-3)
+
+    @case(number, f"two masses, loads {loads}, acts_on={acts_on!r}", "independent program", right, how)
+    def measured(run: Run) -> Iterable[float]:
         contact = run.simulate(paper_masses(loads, acts_on)[2], 20.0).contacts["contact"]
-        return {"first closing [s]": float(contact.closings[0]), "first opening [s]": float(contact.openings[0])}
+        return contact.closings[0], contact.openings[0]
 
-    quantities = (Quantity("first closing [s]", closing), Quantity("first opening [s]", opening))
-    tolerance = 1e-6 if acts_on == "penetration" else 1e-3
-    name = f"two masses, loads {loads}, acts_on={acts_on!r}"
-    return Case(number, name, "independent program", quantities, measure, exact(1e-12) | stepping(1e-3, tolerance))
+    return measured
 
 
-def _order() -> Case:
-    def measure(run: Run) -> Mapping[str, float]:
-        ends = []
-        dt = run.options["dt"]
-        for step in (dt, 0.5 * dt, 0.25 * dt):
-            first, _, scene = paper_masses("c", "penetration")
-            ends.append(run.simulate(scene, 20.0, dt=step, times=np.linspace(0.0, 20.0, 21)).displacement(first))
-        coarse, fine = (float(np.linalg.norm(a - b)) for a, b in pairwise(ends))
-        return {"observed order": float(np.log2(coarse / fine))}
-
-    quantities = (Quantity("observed order", 2.0, relative=False),)
-    return Case(5, "two masses, order of steps", "theory", quantities, measure, stepping(1e-3, 0.5))
+@case(5, "two masses, order of steps", "theory", {"observed order": absolute(2.0)}, stepping(1e-3, 0.5))
+def _order(run: Run) -> Iterable[float]:
+    ends = []
+    for share in (1.0, 0.5, 0.25):
+        first, _, scene = paper_masses("c", "penetration")
+        dt, times = share * run.options["dt"], np.linspace(0.0, 20.0, 21)
+        ends.append(run.simulate(scene, 20.0, dt=dt, times=times).displacement(first))
+    coarse, fine = (np.linalg.norm(a - b) for a, b in pairwise(ends))
+    return [np.log2(coarse / fine)]
 
 
 def _cradle(count: int = 5, gap: float = 0.01, stiffness: float = 1e6) -> Case:
-    def measure(run: Run) -> Mapping[str, float]:
+    w = np.sqrt(2.0 * stiffness)
+    # Each contact lasts pi/w. In this time the struck mass already moves v pi/(2 w) into the next gap.
+    leaves = gap + np.pi / w + (count - 2) * (gap + 0.5 * np.pi / w)
+    right = {"last mass leaves at [s]": leaves, "its speed [m/s]": 1.0}
+
+    @case(11, f"Newton's cradle of {count} masses", "closed form", right, exact(1e-10) | stepping(1e-6, 1e-6))
+    def measured(run: Run) -> Iterable[float]:
         masses = [Mass(1.0) for _ in range(count)]
         contacts = [
             Contact(a, b, gap=gap, stiffness=stiffness, acts_on="penetration", name=f"c{i}")
             for i, (a, b) in enumerate(pairwise(masses))
         ]
         result = run.simulate(Scene(masses, contacts, initial={masses[0]: (0.0, 1.0)}), 0.1)
-        return {
-            "last mass leaves at [s]": float(result.contacts[f"c{count - 2}"].openings[0]),
-            "its speed [m/s]": float(result.velocity(masses[-1])[-1]),
-        }
+        return result.contacts[f"c{count - 2}"].openings[0], result.velocity(masses[-1])[-1]
 
-    w = np.sqrt(2.0 * stiffness)
-    # Each contact lasts pi/w. In this time the struck mass already moves v pi/(2 w) into the next gap.
-    leaves = gap + np.pi / w + (count - 2) * (gap + 0.5 * np.pi / w)
-    quantities = (Quantity("last mass leaves at [s]", leaves), Quantity("its speed [m/s]", 1.0))
-    how = exact(1e-10) | stepping(1e-6, 1e-6)
-    return Case(11, f"Newton's cradle of {count} masses", "closed form", quantities, measure, how)
+    return measured
 
 
-def _preload() -> Case:
-    def measure(run: Run) -> Mapping[str, float]:
-        first, second = Mass(1.0, stiffness=1.0), Mass(1.0, stiffness=1.0)
-        contact = Contact(first, second, gap=0.0, stiffness=2.0, acts_on="penetration")
-        effects = [contact, PointLoad(first, 3.0)]
-        rest = run.equilibrium(Scene([first, second], effects))
-        if run.method == "equilibrium":
-            return {"first [m]": rest.displacement(first), "second [m]": rest.displacement(second)}
-        start = {first: (1.8, 0.0), second: (1.2, 0.0)}
-        result = run.simulate(Scene([first, second], effects, initial=start), 10.0)
-        return {
-            "first [m]": float(result.displacement(first)[-1]),
-            "second [m]": float(result.displacement(second)[-1]),
-        }
-
-    how = {"equilibrium": How(1e-15)} | exact(1e-14) | stepping(1e-2, 1e-14)
-    quantities = (Quantity("first [m]", 1.8), Quantity("second [m]", 1.2))
-    return Case(12, "preload across a gap of zero", "closed form", quantities, measure, how)
+@case(
+    12, "preload across a gap of zero", "closed form", {"first [m]": 1.8, "second [m]": 1.2},
+    {"equilibrium": How(1e-15)} | exact(1e-14) | stepping(1e-2, 1e-14),
+)  # fmt: skip
+def _preload(run: Run) -> Iterable[float]:
+    first, second = Mass(1.0, stiffness=1.0), Mass(1.0, stiffness=1.0)
+    contact = Contact(first, second, gap=0.0, stiffness=2.0, acts_on="penetration")
+    effects = [contact, PointLoad(first, 3.0)]
+    rest = run.equilibrium(Scene([first, second], effects))
+    if run.method == "equilibrium":
+        return rest.displacement(first), rest.displacement(second)
+    result = run.simulate(Scene([first, second], effects, initial={first: (1.8, 0.0), second: (1.2, 0.0)}), 10.0)
+    return result.displacement(first)[-1], result.displacement(second)[-1]
 
 
 def _light_joint(ratio: float) -> Case:
-    def measure(run: Run) -> Mapping[str, float]:
-        heavy, light = Mass(1.0, name="heavy"), Mass(ratio, stiffness=3.0, name="light")
-        start = {heavy: (1.0, 0.0), light: (1.0 / 3.0, 0.0)}
-        scene = Scene([heavy, light], [Spring(heavy, light, stiffness=1.5)], initial=start)
-        result = run.simulate(scene, 1.0, times=[0.0, 1.0])
-        return {"displacement of the heavy mass at 1 s [m]": float(result.displacement(heavy)[-1])}
-
     how = exact(ratio + 1e-14)
     how |= {method: How(ratio + 2e-7, {"dt": 1e-3}) for method in (by.CONSERVING, by.ALPHA)}
     how[by.CENTRAL] = How(ratio + 2e-7)
     if ratio < 1e-9:
         how[by.CENTRAL] = How(0.0, {} if ratio < 1e-20 else {"dt": 1e-3}, "refused", "critical step")
-    quantities = (Quantity("displacement of the heavy mass at 1 s [m]", float(np.cos(1.0))),)
-    return Case(22, f"a joint of {ratio:g} of the mass", "closed form, springs in series", quantities, measure, how)
+    right = {"displacement of the heavy mass at 1 s [m]": np.cos(1.0)}
+
+    @case(22, f"a joint of {ratio:g} of the mass", "closed form, springs in series", right, how)
+    def measured(run: Run) -> Iterable[float]:
+        heavy, light = Mass(1.0, name="heavy"), Mass(ratio, stiffness=3.0, name="light")
+        start = {heavy: (1.0, 0.0), light: (1.0 / 3.0, 0.0)}
+        scene = Scene([heavy, light], [Spring(heavy, light, stiffness=1.5)], initial=start)
+        return [run.simulate(scene, 1.0, times=[0.0, 1.0]).displacement(heavy)[-1]]
+
+    return measured
 
 
 # -- A mass on a spring and a springpot, beside the solution in Mittag-Leffler functions
@@ -326,18 +312,15 @@ def _fractional_end(t: float, u0: float, v0: float, force: float) -> float:
 
 
 def _fractional(name: str, u0: float, v0: float, force: float) -> Case:
-    times = np.array([0.5, 2.0, 6.0])
+    times = (0.5, 2.0, 6.0)
+    right = {f"displacement at {t:g} s [m]": absolute(_fractional_end(t, u0, v0, force)) for t in times}
+    how = stepping(1e-3, 5e-6) | {by.EVENT_DRIVEN: How(expected="refused", says=by.CONSERVING)}
 
-    def measure(run: Run) -> Mapping[str, float]:
+    @case(None, f"fractional oscillator of order 1/2, {name}", _MITTAG_LEFFLER, right, how)
+    def measured(run: Run) -> Iterable[float]:
         mass = Mass(_MASS, stiffness=_STIFFNESS)
         springpot = Springpot(mass, coefficient=_COEFFICIENT, order=0.5, name="springpot")
         scene = Scene([mass], [springpot, PointLoad(mass, Constant(force))], initial={mass: (u0, v0)})
-        result = run.simulate(scene, 6.0, times=np.append(0.0, times))
-        found = result.displacement(mass)[1:]
-        return {f"displacement at {t:g} s [m]": float(u) for t, u in zip(times, found, strict=True)}
+        return run.simulate(scene, 6.0, times=[0.0, *times]).displacement(mass)[1:]
 
-    quantities = tuple(
-        Quantity(f"displacement at {t:g} s [m]", _fractional_end(t, u0, v0, force), relative=False) for t in times
-    )
-    how = stepping(1e-3, 5e-6) | {by.EVENT_DRIVEN: How(expected="refused", says=by.CONSERVING)}
-    return Case(None, f"fractional oscillator of order 1/2, {name}", _MITTAG_LEFFLER, quantities, measure, how)
+    return measured
