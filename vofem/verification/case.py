@@ -158,7 +158,7 @@ def case(
     `right`: the right values of the quantities by their names; the errors of plain numbers are relative.
     """
     quantities = tuple(
-        replace(value, name=key) if isinstance(value, Quantity) else Quantity(key, float(value))
+        replace(value, name=key) if isinstance(value, Quantity) else Quantity(key, value)
         for key, value in right.items()
     )
 

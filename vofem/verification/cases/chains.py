@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from vofem.bodies import Mass
 from vofem.effects import Contact, Gravity, Spring
 from vofem.scene import Scene
-from vofem.verification.case import Case, Quantity, Run, exact, stepping
+from vofem.verification.case import Case, Run, absolute, case, exact, stepping
 
 
 def cases() -> Iterator[Case]:
@@ -33,47 +33,39 @@ def chain(count: int, length: float, stiffness: float, mass: float) -> tuple[lis
 
 def _impact(stiffness: float, count: int = 400) -> Case:
     times = np.linspace(0.02, 1.9, 189)
+    how = exact(5e-5) | stepping(1e-4, 5e-5)
+    if stiffness > 100.0:
+        told: Any = {"expected": "reported", "says": "stiffer than"}
+        how = exact(1e-2, **told) | stepping(1e-5, 1e-2, **told, slow=True)
+    name = f"bar of {count} masses on a stop of {stiffness:g} N/m"
+    right = {"largest error of the force [N]": absolute(0.0)}
 
-    def measure(run: Run) -> Mapping[str, float]:
+    @case(15, name, "closed form, Z v (1 - exp(-K0 t/Z))", right, how)
+    def measured(run: Run) -> Iterable[float]:
         masses, springs = chain(count, 1.0, 1.0, 1.0)
         stop = Contact(masses[0], gap=0.0, stiffness=stiffness, side="below", acts_on="penetration", name="stop")
         scene = Scene(masses, [*springs, stop], initial={m: (0.0, -1.0) for m in masses})
         force = run.simulate(scene, 1.95, times=times).contacts["stop"].force
-        return {"largest error of the force [N]": float(np.max(np.abs(force - (1.0 - np.exp(-stiffness * times)))))}
+        return [np.max(np.abs(force - (1.0 - np.exp(-stiffness * times))))]
 
-    quantities = (Quantity("largest error of the force [N]", 0.0, relative=False),)
-    name = f"bar of {count} masses on a stop of {stiffness:g} N/m"
-    if stiffness < 100.0:
-        how = exact(5e-5) | stepping(1e-4, 5e-5)
-    else:
-        told: Any = {"expected": "reported", "says": "stiffer than"}
-        how = exact(1e-2, **told) | stepping(1e-5, 1e-2, **told, slow=True)
-    return Case(15, name, "closed form, Z v (1 - exp(-K0 t/Z))", quantities, measure, how)
+    return measured
 
 
 def _bounce(count: int, error: float) -> Case:
     length, modulus, g, height = 10.0, 900.0, 10.0, 5.0
+    thirds = {"first impact [s]": 3, "first release [s]": 5, "second impact [s]": 11, "second release [s]": 13}
+    right = {name: absolute(k / 3.0) for name, k in thirds.items()}
+    how = exact(error) | stepping(1e-4, error, slow=count > 100)
 
-    def measure(run: Run) -> Mapping[str, float]:
+    @case(16, f"bouncing bar of {count} masses", _DOYEN, right, how)
+    def measured(run: Run) -> Iterable[float]:
         masses, springs = chain(count, length, modulus, 1.0)
         # The stop is as stiff as the springs of the bar: the end would chatter on a stiffer stop.
-        stiffness = modulus * count / length
-        stop = Contact(masses[0], gap=height, stiffness=stiffness, side="below", acts_on="penetration", name="stop")
+        law: Any = {"gap": height, "stiffness": modulus * count / length, "acts_on": "penetration"}
+        stop = Contact(masses[0], side="below", name="stop", **law)
         contact = run.simulate(Scene(masses, [*springs, stop, Gravity(g)]), 4.6).contacts["stop"]
+        closings, openings = contact.closings, contact.openings
         # Grazing contacts of the end just after an impact count as part of it.
-        second = contact.closings[contact.closings > 3.0][0]
-        return {
-            "first impact [s]": float(contact.closings[0]),
-            "first release [s]": float(contact.openings[contact.openings < 3.0][-1]),
-            "second impact [s]": float(second),
-            "second release [s]": float(contact.openings[-1]),
-        }
+        return closings[0], openings[openings < 3.0][-1], closings[closings > 3.0][0], openings[-1]
 
-    quantities = (
-        Quantity("first impact [s]", 1.0, relative=False),
-        Quantity("first release [s]", 5.0 / 3.0, relative=False),
-        Quantity("second impact [s]", 11.0 / 3.0, relative=False),
-        Quantity("second release [s]", 13.0 / 3.0, relative=False),
-    )
-    how = exact(error) | stepping(1e-4, error, slow=count > 100)
-    return Case(16, f"bouncing bar of {count} masses", _DOYEN, quantities, measure, how)
+    return measured
