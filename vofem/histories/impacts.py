@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +12,7 @@ from vofem.arrays import Array, IntArray
 from vofem.effects.two_points import Units
 from vofem.errors import ArgumentError
 from vofem.histories.motion import Motion
-from vofem.histories.table import Column, Table, Tabled, tabled
+from vofem.histories.table import Table, Tabled, column, tabled
 from vofem.histories.touches import RESOLVED, Parts, Span, Touches, resolve, spans_of
 from vofem.system import CLOSED, PINNED, ContactLaws
 
@@ -30,12 +29,6 @@ _UNKNOWN = (
 )
 
 
-#: Fields that impacts and statistics share.
-Name = Annotated[str, Column(None, "Name of the contact.")]
-InUnits = Annotated[Units, Column(None, "Units of coordinate, force and impulse.")]
-Why = Annotated[str, Column(None, "The reason why forces are not known; empty if they are known.")]
-
-
 @tabled(", shape (n,)")
 class Impacts(Tabled):
     """The impacts of a contact in the order of time: the intervals in which it is closed or pinned at its gap.
@@ -44,62 +37,44 @@ class Impacts(Tabled):
     the run is NaN, and `why` gives the reason.
     """
 
-    name: Name
-    closing: Annotated[
-        Array, Column("s", "Times at which impacts begin. The first one begins at 0 if the contact starts closed.")
-    ]
-    opening: Annotated[Array, Column("s", "Times at which they end.")]
-    duration: Annotated[Array, Column("s", "Duration of each impact.")] = field(init=False)
-    ended: Annotated[
-        NDArray[np.bool_],
-        Column("", "False if the run ends before the contact opens. In that case `opening` is the end of the run."),
-    ]
-    approach_speed: Annotated[
-        Array,
-        Column(
-            "{coordinate}/s",
-            "Rate at which the gap closes at `closing`. NaN where the contact does not close within the run.",
-        ),
-    ]
-    departure_speed: Annotated[
-        Array,
-        Column(
-            "{coordinate}/s",
-            "Rate at which the gap opens at `opening`. NaN where the contact does not open within the run.",
-        ),
-    ]
-    peak_force: Annotated[
-        Array, Column("{force}", "The force of largest magnitude; inf for an impact on a rigid stop.")
-    ]
-    peak_time: Annotated[Array, Column("s", "Time at which it is reached.")]
-    impulse: Annotated[Array, Column("{impulse}", "Integral of the force over time.")]
-    work: Annotated[
-        Array,
-        Column(
-            "J",
-            "Work done on the contact while it is pressed in. If an elastic contact is pressed in once, this is the "
-            "largest energy stored in it.",
-        ),
-    ]
-    absorbed: Annotated[
-        Array,
-        Column(
-            "J",
-            "The part of `work` that is not returned: the energy dissipated in the damper, and the energy that is "
-            "stored at the end of the run.",
-        ),
-    ]
-    error: Annotated[
-        float,
-        Column(
-            None,
-            "Estimated error of the forces between events, divided by the largest force. It is 1e-10 unless the motion "
-            "oscillates very often while the contact is closed. For a stepping method it is 0: the forces are as exact "
-            "as the steps.",
-        ),
-    ]
-    units: InUnits
-    why: Why
+    name: str = column(None, "Name of the contact.")
+    closing: Array = column(
+        "s", "Times at which impacts begin. The first one begins at 0 if the contact starts closed."
+    )
+    opening: Array = column("s", "Times at which they end.")
+    duration: Array = column("s", "Duration of each impact.", init=False)
+    ended: NDArray[np.bool_] = column(
+        "", "False if the run ends before the contact opens. In that case `opening` is the end of the run."
+    )
+    approach_speed: Array = column(
+        "{coordinate}/s",
+        "Rate at which the gap closes at `closing`. NaN where the contact does not close within the run.",
+    )
+    departure_speed: Array = column(
+        "{coordinate}/s",
+        "Rate at which the gap opens at `opening`. NaN where the contact does not open within the run.",
+    )
+    peak_force: Array = column("{force}", "The force of largest magnitude; inf for an impact on a rigid stop.")
+    peak_time: Array = column("s", "Time at which it is reached.")
+    impulse: Array = column("{impulse}", "Integral of the force over time.")
+    work: Array = column(
+        "J",
+        "Work done on the contact while it is pressed in. If an elastic contact is pressed in once, this is the "
+        "largest energy stored in it.",
+    )
+    absorbed: Array = column(
+        "J",
+        "The part of `work` that is not returned: the energy dissipated in the damper, and the energy that is "
+        "stored at the end of the run.",
+    )
+    error: float = column(
+        None,
+        "Estimated error of the forces between events, divided by the largest force. It is 1e-10 unless the motion "
+        "oscillates very often while the contact is closed. For a stepping method it is 0: the forces are as exact "
+        "as the steps.",
+    )
+    units: Units = column(None, "Units of coordinate, force and impulse.")
+    why: str = column(None, "The reason why forces are not known; empty if they are known.")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "duration", self.opening - self.closing)
@@ -128,34 +103,32 @@ class ContactStatistics(Tabled):
     reason. A mean over impacts is NaN if there is no impact.
     """
 
-    name: Name
-    begin: Annotated[float, Column("s", "Begin of the window.")]
-    end: Annotated[float, Column("s", "End of the window.")]
-    count: Annotated[int, Column("", "Number of impacts that begin in the window.")]
-    rate: Annotated[float, Column("1/s", "`count` divided by the length of the window.")]
-    closed_share: Annotated[float, Column("", "Share of the window in which the contact is closed or pinned.")]
-    mean_duration: Annotated[
-        float, Column("s", "Mean duration of the impacts that begin in the window and end within the run.")
-    ]
-    mean_approach_speed: Annotated[
-        float, Column("{coordinate}/s", "Mean approach speed of the impacts that begin in the window.")
-    ]
-    largest_approach_speed: Annotated[float, Column("{coordinate}/s", "Largest approach speed of these impacts.")]
-    peak_force: Annotated[float, Column("{force}", "The force of largest magnitude in the window.")]
-    mean_force: Annotated[float, Column("{force}", "Mean of the force.")]
-    rms_force: Annotated[float, Column("{force}", "Root of its mean square.")]
-    mean_closed_force: Annotated[float, Column("{force}", "Mean force over the time in which the contact is closed.")]
-    impulse: Annotated[float, Column("{impulse}", "Integral of the force over the window.")]
-    work: Annotated[float, Column("J", "Work done on the contact while it is pressed in.")]
-    work_rate: Annotated[float, Column("W", "`work` divided by the length of the window.")]
-    work_per_impact: Annotated[float, Column("J", "`work` divided by `count`.")]
-    absorbed: Annotated[
-        float, Column("J", "Energy that the contact takes for good in the window, without what it stores at its ends.")
-    ]
-    absorbed_rate: Annotated[float, Column("W", "`absorbed` divided by the length of the window.")]
-    error: Annotated[float, Column(None, "Estimated relative error; see `Impacts`.")]
-    units: InUnits
-    why: Why
+    name: str = column(None, "Name of the contact.")
+    begin: float = column("s", "Begin of the window.")
+    end: float = column("s", "End of the window.")
+    count: int = column("", "Number of impacts that begin in the window.")
+    rate: float = column("1/s", "`count` divided by the length of the window.")
+    closed_share: float = column("", "Share of the window in which the contact is closed or pinned.")
+    mean_duration: float = column("s", "Mean duration of the impacts that begin in the window and end within the run.")
+    mean_approach_speed: float = column(
+        "{coordinate}/s", "Mean approach speed of the impacts that begin in the window."
+    )
+    largest_approach_speed: float = column("{coordinate}/s", "Largest approach speed of these impacts.")
+    peak_force: float = column("{force}", "The force of largest magnitude in the window.")
+    mean_force: float = column("{force}", "Mean of the force.")
+    rms_force: float = column("{force}", "Root of its mean square.")
+    mean_closed_force: float = column("{force}", "Mean force over the time in which the contact is closed.")
+    impulse: float = column("{impulse}", "Integral of the force over the window.")
+    work: float = column("J", "Work done on the contact while it is pressed in.")
+    work_rate: float = column("W", "`work` divided by the length of the window.")
+    work_per_impact: float = column("J", "`work` divided by `count`.")
+    absorbed: float = column(
+        "J", "Energy that the contact takes for good in the window, without what it stores at its ends."
+    )
+    absorbed_rate: float = column("W", "`absorbed` divided by the length of the window.")
+    error: float = column(None, "Estimated relative error; see `Impacts`.")
+    units: Units = column(None, "Units of coordinate, force and impulse.")
+    why: str = column(None, "The reason why forces are not known; empty if they are known.")
 
     def __str__(self) -> str:
         lines = [f"Contact {self.name!r}"]

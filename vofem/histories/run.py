@@ -2,23 +2,108 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from vofem._validate import Named, name_of, unknown
+from vofem.arrays import Array
 from vofem.effects.two_points import units_of
+from vofem.errors import ArgumentError
 from vofem.histories.contact import ContactHistory
-from vofem.histories.energy import Energy
 from vofem.histories.friction import FrictionHistory
 from vofem.histories.motion import Motion
-from vofem.histories.probe import ProbeHistory
-from vofem.histories.reaction import Reaction, state_of
 from vofem.histories.spring import SpringHistory
-from vofem.integrators.base import ProbeSamples
+from vofem.integrators.base import ProbeSamples, Sampled
 from vofem.reactions import residual, support_reaction
+
+
+@dataclass(frozen=True)
+class Energy:
+    """Energies in J at `Result.times`, each of shape (n_times,).
+
+    Attributes
+    ----------
+    kinetic, strain : ndarray
+        Kinetic energy of bodies; strain energy of bodies and springs, also of hysteretic springs and springpots.
+    contact : ndarray
+        Energy stored in closed contacts; ``K0 (u^2 - gap^2)/2`` for ``acts_on="displacement"``.
+    dissipated : ndarray
+        Energy dissipated by dampers, hysteretic springs and springpots since t = 0.
+    work : ndarray
+        Work done by all loads since t = 0.
+    start : float
+        Total energy at t = 0.
+
+    Notes
+    -----
+    `total` is the sum of the first three. `balance` is the energy that is missing,
+    and `balance_error` is its largest magnitude divided by the largest energy.
+
+    Between the steps of a stepping method states are interpolated, and the balance there contains the error of the
+    interpolation. To see the balance of the method itself, give `times` that lie on steps, or none. Steps that follow
+    ``tol=`` have times of their own.
+    """
+
+    kinetic: Array
+    strain: Array
+    contact: Array
+    dissipated: Array
+    work: Array
+    start: float
+
+    @property
+    def total(self) -> Array:
+        """Kinetic, strain and contact energy together."""
+        return self.kinetic + self.strain + self.contact
+
+    @property
+    def balance(self) -> Array:
+        """The energy that is missing from the balance in J: ``total - start + dissipated - work``."""
+        return self.total - self.start + self.dissipated - self.work
+
+    @property
+    def balance_error(self) -> float:
+        """The largest magnitude of `balance`, divided by the largest energy."""
+        parts = (self.total, self.dissipated, self.work)
+        scale = max((float(np.max(np.abs(part), initial=0.0)) for part in parts), default=0.0)
+        return float(np.max(np.abs(self.balance), initial=0.0)) / scale if scale > 0 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class ProbeHistory:
+    """The motion of a point at every step of a stepping method, or at the times of the run for other methods.
+
+    Attributes
+    ----------
+    name : str
+    times : ndarray, shape (n_steps + 1,)
+        Times of the steps in s.
+    displacement, velocity, acceleration : ndarray, shape (n_steps + 1,)
+        Motion of the point in m, m/s and m/s^2.
+    """
+
+    name: str
+    times: Array
+    displacement: Array
+    velocity: Array
+    acceleration: Array
+
+    def __repr__(self) -> str:
+        return f"ProbeHistory({self.name!r}, {self.times.size} times to {self.times[-1]:g} s)"
+
+
+class Reaction(NamedTuple):
+    """Force in N, positive upward, and moment in N m of a support or a joint on a body, each (n_times,).
+
+    A positive moment does positive work when the slope grows. A force or moment that the support cannot exert is zero.
+    """
+
+    force: Array
+    moment: Array
 
 
 class Run(Motion):
@@ -74,7 +159,7 @@ class Run(Motion):
             The place of a support.
         """
         found = self._body(body)
-        state = state_of(self, f"reaction of {found.label}", t, self._at(t))
+        state = _state_of(self, f"reaction of {found.label}", t, self._at(t))
         return Reaction(*support_reaction(self.model, found, where, *state))
 
     def joint_force(self, joint: Any, t: ArrayLike | None = None) -> Reaction:
@@ -104,7 +189,7 @@ class Run(Motion):
         if name not in counts:
             raise unknown("joint", name, counts)
         first = sum(count for known, count in model.joints[: list(counts).index(name)])
-        times, *rest = state_of(self, f"force of Joint {name!r}", t, self._at(t))
+        times, *rest = _state_of(self, f"force of Joint {name!r}", t, self._at(t))
         parts = np.zeros((2, times.size))
         for k in range(counts[name]):
             assert model.joint_rows is not None
@@ -117,3 +202,38 @@ class Run(Motion):
         parts = self.solution.energies(self.times)
         start = self.solution.start_energy
         return Energy(parts.kinetic, parts.strain, parts.contact, parts.dissipated, parts.work, start)
+
+
+def _state_of(
+    run: Motion, label: str, t: ArrayLike | None, samples: Sampled
+) -> tuple[Array, Sampled, list[Array | None], Any]:
+    """Return times, the motion, forces of each group of laws (None where they are not known), and modes."""
+    times = run.times if t is None else np.atleast_1d(np.asarray(t, dtype=float))
+    system, solution = run.model.system, run.solution
+    forces: list[Array | None] = []
+    recorded = 0
+    for group in system.laws:
+        if group is system.contacts:
+            forces.append(run.contact_samples.force if t is None else solution.contacts(times).force)
+        elif group is system.sliders:
+            sliding: Any = solution
+            forces.append(sliding.friction(times).force)
+        elif group.recorded:
+            forces.append(_spring_force(run, label, t)[recorded : recorded + len(group)])
+            recorded += len(group)
+        else:
+            known = group.travelling is None
+            forces.append(group.reactions(samples.along(group.rows, "q")) if known else None)
+    return times, samples, forces, solution.modes if system.modal_damping is not None else None
+
+
+def _spring_force(run: Motion, label: str, t: ArrayLike | None) -> Array:
+    """Return the forces of hysteretic springs, which are known at the run's times only."""
+    if t is not None and not np.array_equal(np.atleast_1d(t), run.times):
+        raise ArgumentError(
+            f"{label}: hysteretic springs know their forces at the run's times; name the times in times= when "
+            "simulating"
+        )
+    springs = run.solution.springs
+    assert springs is not None
+    return np.asarray(springs.force)

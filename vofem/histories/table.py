@@ -5,8 +5,8 @@ from __future__ import annotations
 import inspect
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, dataclass_transform, get_type_hints
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,35 +24,37 @@ C = TypeVar("C", bound=type)
 V = TypeVar("V")
 
 
-@dataclass(frozen=True)
-class Column:
-    """What a field of a class of results is: its unit, None where it is no column of tables, and a sentence or two."""
+def column(unit: str | None, text: str, **options: Any) -> Any:
+    """Return a field of a `tabled` class.
 
-    unit: str | None  #: Names of `Units` in braces stand for units of the contact, as in ``"{force}"``.
-    text: str
+    `unit`: None where it is no column of tables. Names of `Units` in braces stand for units of the contact, as in
+    ``"{force}"``.
+    `text`: what it is, in a sentence or two.
+    `options`: of `dataclasses.field`.
+    """
+    return field(metadata={"unit": unit, "text": text}, **options)
 
 
-@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(field,))
+@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(field, column))
 def tabled(shape: str) -> Callable[[C], C]:
-    """Make a frozen dataclass of a `Tabled` class: its fields, annotated with `Column`, give tables and docstring.
+    """Make a frozen dataclass of a `Tabled` class: its fields, each a `column`, give tables and docstring.
 
     `shape`: what the docstring says of the shape of arrays.
     """
 
     def make(cls: C) -> C:
-        hints = get_type_hints(cls, include_extras=True)
-        known = {name: one.__metadata__[0] for name, one in hints.items() if hasattr(one, "__metadata__")}
+        made: Any = dataclass(frozen=True, eq=False, repr=False)(cls)
+        hints = get_type_hints(cls)
         lines = [inspect.cleandoc(cls.__doc__ or ""), "", "Attributes", "----------"]
-        for name, column in known.items():
-            kind = hints[name].__origin__
+        for one in fields(made):
+            kind = hints[one.name]
             plain = kind in (float, int, str, Units)
             shown = kind.__name__ if plain else "ndarray" + " of bool" * (kind != Array) + shape
-            unit = (column.unit or "").format(**vars(UNITS["displacement"]))
-            text = column.text + f" In {unit}." * bool(unit)
-            lines += [f"{name} : {shown}", *textwrap.wrap(text, 110, initial_indent="    ", subsequent_indent="    ")]
-        cls._columns = {name: one for name, one in known.items() if one.unit is not None}  # type: ignore[attr-defined]
-        cls.__doc__ = "\n".join(lines) + "\n"
-        made: Any = dataclass(frozen=True, eq=False, repr=False)(cls)
+            unit = (one.metadata["unit"] or "").format(**vars(UNITS["displacement"]))
+            text = one.metadata["text"] + f" In {unit}." * bool(unit)
+            lines += [f"{one.name} : {shown}"]
+            lines += textwrap.wrap(text, 110, initial_indent="    ", subsequent_indent="    ")
+        made.__doc__ = "\n".join(lines) + "\n"
         return made
 
     return make
@@ -61,7 +63,6 @@ def tabled(shape: str) -> Callable[[C], C]:
 class Tabled:
     """Numbers of a contact, in its units."""
 
-    _columns: ClassVar[dict[str, Column]]
     if TYPE_CHECKING:  # fields of all
         name: str
         units: Units
@@ -69,8 +70,9 @@ class Tabled:
 
     def quantities(self) -> dict[str, tuple[Any, str]]:
         """Return all columns with their units, by name."""
-        units = vars(self.units)
-        return {name: (getattr(self, name), str(one.unit).format(**units)) for name, one in self._columns.items()}
+        units, every = vars(self.units), fields(self)  # type: ignore[arg-type]
+        known = {one.name: one.metadata["unit"] for one in every if one.metadata["unit"] is not None}
+        return {name: (getattr(self, name), str(unit).format(**units)) for name, unit in known.items()}
 
 
 class Table(Shown, Mapping[str, NDArray]):

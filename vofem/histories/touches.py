@@ -200,13 +200,6 @@ class _Sampler:
         self._solution, self._laws, self._index, self._rates = run.solution, laws, index, rates
         self._block = max(64, _NUMBERS // max(1, run.model.system.size + len(laws)))
 
-    def on_panels(self, low: Array, high: Array, x: Array) -> tuple[Array, Array]:
-        """Return force and rate at points x from -1 to 1 of panels, each of shape (n_points, n_panels)."""
-        times = 0.5 * (low + high) + 0.5 * (high - low) * x[:, None]
-        # In the order of time, as segments are visited.
-        force, rate = self(times.T.ravel())
-        return force.reshape(times.T.shape).T, rate.reshape(times.T.shape).T
-
     def __call__(self, times: Array) -> tuple[Array, Array]:
         force, rate = np.zeros((2, times.size))
         for start in range(0, times.size, self._block):
@@ -245,8 +238,10 @@ def _nodes(count: int) -> tuple[Array, Array]:
 def _fit(motion: _Sampler, low: Array, high: Array, count: int) -> tuple[Array, Array]:
     """Return coefficients of force and rate over some panels, each of shape (count, n_panels)."""
     x, matrix = _nodes(count)
-    force, rate = motion.on_panels(low, high, x)
-    return matrix @ force, matrix @ rate
+    times = (0.5 * (low + high) + 0.5 * (high - low) * x[:, None]).T
+    # In the order of time, as segments are visited.
+    force, rate = (matrix @ values.reshape(times.shape).T for values in motion(times.ravel()))
+    return force, rate
 
 
 def _with_rates(found: Touches, run: Motion, stiffness: float, index: int) -> Touches:

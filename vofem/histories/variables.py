@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -69,19 +70,16 @@ def histories(run: Run, points: dict[str, Any]) -> dict[str, Variable]:
 def _motion(run: Run, points: dict[str, Any]) -> dict[str, Variable]:
     rows = rows_over(run.model, run.scene.bodies, points.values())
     found = {"point": Variable(("point",), np.array(list(points)))}
-    for name, of, unit in MOTION:
-        found[name] = Variable(("time", "point"), _moved(run, points, rows, name, of), {"units": unit})
-    return found
 
-
-def _moved(run: Run, points: dict[str, Any], rows: Any, name: str, of: str) -> Callable[[slice], NDArray]:
-    def at(part: slice) -> NDArray:
+    def moved(part: slice, name: str, of: str) -> NDArray:
         if part == ALL:
             # The run computes what these points need only.
             return np.stack([getattr(run, name)(point) for point in points.values()], axis=1)
         return np.asarray(rows @ getattr(run.samples, of)[:, part]).T
 
-    return at
+    for name, of, unit in MOTION:
+        found[name] = Variable(("time", "point"), partial(moved, name=name, of=of), {"units": unit})
+    return found
 
 
 def _contacts(run: Run) -> dict[str, Variable]:

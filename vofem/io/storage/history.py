@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.files.hdf5 import FILTERS, Blocks, block_slices, chunks, texts_of
-from vofem.histories.energy import Energy
+from vofem.histories import Energy
 from vofem.histories.tables import named_points, points_of_interest
 from vofem.histories.variables import ENERGIES, MOTION, Variable, histories
 from vofem.integrators.base import ContactSamples, ProbeSamples, Samples
