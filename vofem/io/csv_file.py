@@ -10,6 +10,7 @@ from typing import Any
 from vofem.errors import ArgumentError
 from vofem.files.whole import writer
 from vofem.histories.tables import history_columns, named_points
+from vofem.histories.variables import MOTION
 from vofem.result import Result
 
 
@@ -47,9 +48,7 @@ def write_probes(result: Result, path: str | os.PathLike[str]) -> None:
         raise ArgumentError("this run has recorded no points; name them in probes= when simulating")
     columns: dict[str, Any] = {"t [s]": result.recorded.times}
     for name, history in result.probes.items():
-        columns[f"{name} displacement [m]"] = history.displacement
-        columns[f"{name} velocity [m/s]"] = history.velocity
-        columns[f"{name} acceleration [m/s^2]"] = history.acceleration
+        columns |= {f"{name} {what} [{unit}]": getattr(history, what) for what, _, unit in MOTION}
     write_columns(columns, path)
 
 

@@ -178,7 +178,11 @@ class Canvas:
             return
         own_look = restyled()
         look: dict[str, Any] = {} if own_look else {"dpi": 140, "facecolor": "white"}
-        self.figure = _new_figure(self._goal, figsize=size, layout="constrained", **look)
+        if self._goal is None:
+            from matplotlib.pyplot import figure as new_figure
+        else:
+            from matplotlib.figure import Figure as new_figure  # noqa: N813
+        self.figure = new_figure(figsize=size, layout="constrained", **look)
         _OWN.add(self.figure)
         self.grid = self.figure.subplots(rows, columns, squeeze=False, **options)
         if own_look:
@@ -192,23 +196,15 @@ class Canvas:
         """Write the file; return its path, or without one the axes: one, or an array of them."""
         if self._goal is None:
             return self.grid[0, 0] if self.grid.size == 1 else np.squeeze(self.grid)
-        return save(self.figure, self._goal)
+        with replacing(self._goal) as temporary:
+            write_figure(self.figure, temporary)
+        return self._goal
 
 
 def single(what: str, path: Where, ax: Any, size: tuple[float, float]) -> tuple[Canvas, Any]:
     """Return a canvas of one picture, and its axes."""
     canvas = Canvas(what, path, ax, size)
     return canvas, canvas.grid[0, 0]
-
-
-def _new_figure(goal: Path | None, **options: Any) -> Any:
-    if goal is None:
-        from matplotlib import pyplot
-
-        return pyplot.figure(**options)
-    from matplotlib.figure import Figure
-
-    return Figure(**options)
 
 
 def _given(what: str, ax: Any, count: int) -> Any:
@@ -218,19 +214,6 @@ def _given(what: str, ax: Any, count: int) -> Any:
         expected = "matplotlib axes" if count == 1 else f"{count} matplotlib axes in a sequence"
         raise ArgumentError(f"{what}: ax is {ax!r}, expected {expected}; leave it out for a figure of its own")
     return listed
-
-
-def panels(size: tuple[float, float], rows: int = 1, columns: int = 1, **options: Any) -> tuple[Any, Any]:
-    """Return a new figure for a file, with its size in inches, and its axes, shape (rows, columns)."""
-    canvas = Canvas("panels", "panels.png", None, size, rows, columns, **options)
-    return canvas.figure, canvas.grid
-
-
-def save(figure: Any, goal: Path) -> Path:
-    """Write a figure to its file, completely or not at all."""
-    with replacing(goal) as temporary:
-        write_figure(figure, temporary)
-    return goal
 
 
 def write_figure(figure: Any, path: Path, **options: Any) -> None:

@@ -201,13 +201,13 @@ class Drawing:
             self.line([first[0], back[0]], [first[1], back[1]], color, 4.2 * unit)
         self.patches.append(Patch(np.array([last, back + aside, back - aside]), color))
 
-    def place(self, label: Label, others: list[Label]) -> bool:
-        """Add the first of `label` and `others` that lies inside and covers nothing; return whether there is one."""
-        for candidate in (label, *others):
+    def place(self, *labels: Label) -> bool:
+        """Add the first of some labels that lies inside and covers nothing; return whether there is one."""
+        for candidate in labels:
             left, bottom, right, top = candidate.box
             inside = left >= 0.0 and bottom >= 0.0 and right <= self.size[0] and top <= self.size[1]
             boxes = [*self.taken, *(placed.box for placed in self.labels)]
-            if inside and not any(_overlap(candidate.box, box) for box in boxes):
+            if inside and not any(left < b[2] and b[0] < right and bottom < b[3] and b[1] < top for b in boxes):
                 self.labels.append(candidate)
                 return True
         return False
@@ -263,7 +263,3 @@ def circle(x: float, y: float, radius: float) -> Array:
     """Return the corners of a polygon that looks like a circle, shape (32, 2)."""
     angle = np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
     return np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle)], axis=1)
-
-
-def _overlap(a: Box, b: Box) -> bool:
-    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]

@@ -47,19 +47,14 @@ def add_contact_forces(drawing: Drawing, view: Snapshot, layout: Layout) -> None
         for point, direction in ends:
             x, face = layout.seen(point, direction)
             _, touched = layout.seen(point, -direction)
-            _glow(drawing, x, touched, 46.0 * layout.unit)
+            # A highlight behind all else.
+            drawing.disc(x, touched, 46.0 * layout.unit, GLOW)
+            drawing.patches.insert(0, drawing.patches.pop())
             if size >= _SHORT * layout.unit:
                 way = direction * np.sign(link.force)
                 # Beside the point, where a load may have its own arrow.
                 beside = x - 22.0 * layout.unit
                 drawing.arrow((beside, face), (beside, face + way * size), layout.unit, CLOSED)
-
-
-def _glow(drawing: Drawing, x: float, y: float, radius: float) -> None:
-    """Add a disc of pale colour behind all else."""
-    count = len(drawing.patches)
-    drawing.disc(x, y, radius, GLOW)
-    drawing.patches.insert(0, drawing.patches.pop(count))
 
 
 def _forces(drawing: Drawing, layout: Layout, push: Push, taken: list[float]) -> None:
@@ -85,12 +80,11 @@ def _forces(drawing: Drawing, layout: Layout, push: Push, taken: list[float]) ->
     size = 19.0 * layout.text
     # Above the face of the body, where the arrow is short.
     beside = max(y - 0.3 * size, face + 0.7 * size)
-    places = [
+    drawing.place(
         Label(x + 12.0 * unit, beside, text, LOAD, size, "left", bold=True),
         Label(x - 12.0 * unit, beside, text, LOAD, size, "right", bold=True),
         Label(x, y + 0.8 * size, text, LOAD, size, "center", bold=True),
-    ]
-    drawing.place(places[0], places[1:])
+    )
 
 
 def _moment(drawing: Drawing, layout: Layout, push: Push) -> None:
@@ -107,7 +101,7 @@ def _moment(drawing: Drawing, layout: Layout, push: Push) -> None:
         drawing.line(px, py, LOAD, 3.4 * unit)
         drawing.arrow((px[-2], py[-2]), (px[-1], py[-1]), unit, LOAD)
     size = 19.0 * layout.text
-    drawing.place(Label(x, y + radius + size, spell(value, _UNITS["moment"]), LOAD, size, "center", bold=True), [])
+    drawing.place(Label(x, y + radius + size, spell(value, _UNITS["moment"]), LOAD, size, "center", bold=True))
 
 
 def _weight(drawing: Drawing, layout: Layout, push: Push) -> None:
@@ -121,7 +115,7 @@ def _weight(drawing: Drawing, layout: Layout, push: Push) -> None:
         text = f"g = {abs(g):g} m/s²"
         beside = Label(x + 14.0 * full, 0.5 * (low + high), text, LOAD, 18.0 * full, "left")
         below = Label(x - 14.0 * full, low - 14.0 * full, text, LOAD, 18.0 * full, "left")
-        drawing.place(beside, [below])
+        drawing.place(beside, below)
 
 
 def add_gap(drawing: Drawing, layout: Layout, x: float, low: float, high: float, gap: float) -> None:
@@ -135,24 +129,22 @@ def add_gap(drawing: Drawing, layout: Layout, x: float, low: float, high: float,
     beyond = high + (0.9 * size if high > low else -0.9 * size)
     drawing.place(
         Label(x + 7.0 * unit, beyond, text, CLOSED_TEXT, size, "right"),
-        [Label(x - 11.0 * unit, 0.5 * (low + high), text, CLOSED_TEXT, size, "right")],
+        Label(x - 11.0 * unit, 0.5 * (low + high), text, CLOSED_TEXT, size, "right"),
     )
 
 
 #: Length in pixels of a spring that is drawn as short as can be.
 _SHORTEST = 40.0
 
-_COLORS = {
-    "open": (OPEN, OPEN_TEXT),
-    "closed": (CLOSED, CLOSED_TEXT),
-    "pinned": (CLOSED, CLOSED_TEXT),
-    "spring": (SPRING, SPRING),
-    "damper": (SPRING, SPRING),
-}
-
-
 #: Links that act at any distance.
 _ALWAYS = ("spring", "damper")
+
+#: Colours of links and of their labels by the status.
+_COLORS = {
+    "open": (OPEN, OPEN_TEXT),
+    **dict.fromkeys(("closed", "pinned"), (CLOSED, CLOSED_TEXT)),
+    **dict.fromkeys(_ALWAYS, (SPRING, SPRING)),
+}
 
 #: Largest number of stops whose gaps are dimensioned, and length of the shortest dimension in pixels.
 _DIMENSIONS, _NARROW = 4, 12.0
@@ -175,12 +167,10 @@ def add_links(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
             x, y = _stop_along(drawing, layout, link, half)
         elif link.b is not None:
             x, y = _between(drawing, layout, link, half)
-        elif link.side == "above":
-            assert lane.ceiling is not None
-            x, y = _stop(drawing, layout, link, slots[index], lane.ceiling, 1.0, half)
         else:
-            assert lane.floor is not None
-            x, y = _stop(drawing, layout, link, slots[index], lane.floor, -1.0, half)
+            ground, face = (lane.ceiling, 1.0) if link.side == "above" else (lane.floor, -1.0)
+            assert ground is not None
+            x, y = _stop(drawing, layout, link, slots[index], ground, face, half)
         wanted.append((link, x, y, half))
     _ground_springs(drawing, layout, slots, half)
     _dimensions(drawing, view, layout, slots, half)
@@ -348,7 +338,7 @@ def _labels(drawing: Drawing, layout: Layout, wanted: list[tuple[Link, float, fl
             text = f"pinned, {text}"
         right = Label(x + 0.7 * half + 16.0 * unit, y, text, color, 21.0 * layout.text, "left", bold=True)
         left = Label(x - 0.7 * half - 16.0 * unit, y, text, color, 21.0 * layout.text, "right", bold=True)
-        omitted += not drawing.place(right, [left])
+        omitted += not drawing.place(right, left)
     contacts = [link for link, _, _, _ in wanted if link.status not in _ALWAYS]
     if omitted:
         active = [link.force for link in contacts if link.status != "open"]

@@ -13,7 +13,7 @@ from vofem.io.pictures.layout import BAR, Lane, Layout, arrange, full_scale, pic
 from vofem.io.pictures.links import add_contact_forces, add_links, add_loads
 from vofem.io.pictures.places import is_line
 from vofem.io.pictures.snapshot import Snapshot
-from vofem.io.pictures.units import length, nice_above, nice_below, prefixed, spell, three_digits
+from vofem.io.pictures.units import length, nice_above, nice_below, prefixed, spell
 
 
 def sketch(
@@ -46,7 +46,8 @@ def sketch(
         else:
             _mass(drawing, layout, lane, side_of_ground(index, len(layout.lanes)))
     add_links(drawing, view, layout)
-    _point_masses(drawing, view, layout)
+    for point in view.weights:
+        drawing.dot(*layout.seen(point), BLOCK, 1.3 * layout.lanes[point.body].half)
     if forces:
         add_contact_forces(drawing, view, layout)
     add_loads(drawing, view, layout)
@@ -60,14 +61,15 @@ def sketch(
 def _title(drawing: Drawing, view: Snapshot, layout: Layout, before: str) -> None:
     full = full_scale(drawing.size)
     parts = [before] if before else []
-    parts.append(view.title or ("equilibrium" if view.time is None else f"t = {_spelled(view.time)}"))
+    t = view.time
+    # A time to a millisecond, or finer if it is short.
+    shown = "equilibrium" if t is None else f"t = {t:.3f} s" if t >= 0.1 or t == 0.0 else f"t = {spell(t, 's')}"
+    parts.append(view.title or shown)
     # The size of a mode shape is arbitrary.
     labelled = [] if view.title else sorted(view.bodies, key=lambda s: -float(np.max(np.abs(s.eta))))[:3]
     for state in labelled:
         place, value = _labelled_place(state.body, state.x, state.eta)
-        name = state.body.name if len(view.bodies) > 1 else ""
-        factor, unit = length(value)
-        number = f"{three_digits(value / factor)} {unit}"
+        name, number = state.body.name if len(view.bodies) > 1 else "", spell(value, "m")
         words = (name, place, number) if place == "tip" else (name, number, place)
         parts.append(" ".join(word for word in words if word))
     text = "    ".join(parts)
@@ -75,11 +77,6 @@ def _title(drawing: Drawing, view: Snapshot, layout: Layout, before: str) -> Non
         text += f"    (motion shown x{layout.magnification:g})"
     fitting = min(27.0 * full, 0.96 * drawing.size[0] / (0.56 * len(text)))
     drawing.labels.append(Label(0.5 * drawing.size[0], drawing.size[1] - 34.0 * full, text, INK, fitting, "center"))
-
-
-def _spelled(time: float) -> str:
-    """Return a time as text, to a millisecond or finer if it is short."""
-    return f"{time:.3f} s" if time >= 0.1 or time == 0.0 else spell(time, "s")
 
 
 def _labelled_place(body: object, x: Array, eta: Array) -> tuple[str, float]:
@@ -127,10 +124,8 @@ def _diagrams(drawing: Drawing, layout: Layout, beams: list[Lane], factor: float
         drawing.strips.append(Strip(x, np.full(x.size, base), curve, state.moment / factor))
         drawing.line(x[[0, -1]], base, OUTLINE, 1.2)
         drawing.line(x, curve, INK, 1.6)
-        if len(beams) == 1:
-            _name(drawing, "M", float(x[0]) - 20.0 * full, base, 19.0 * full)
-        else:
-            _name(drawing, f"M {state.body.name}", float(x[0]) - 20.0 * full, base, 17.0 * full)
+        name, height = ("M", 19.0) if len(beams) == 1 else (f"M {state.body.name}", 17.0)
+        _name(drawing, name, float(x[0]) - 20.0 * full, base, height * full)
 
 
 def _name(drawing: Drawing, name: str, x: float, y: float, size: float) -> None:
@@ -208,12 +203,6 @@ def _joint(drawing: Drawing, layout: Layout, joint: Joint) -> None:
         drawing.dot(x, y, INK, 20.0 * layout.unit)
         if joint.kind == "hinge":
             drawing.dot(x, y, PAPER, 12.0 * layout.unit)
-
-
-def _point_masses(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
-    """Add a disc on the axis where a point mass is attached."""
-    for point in view.weights:
-        drawing.dot(*layout.seen(point), BLOCK, 1.3 * layout.lanes[point.body].half)
 
 
 def _mass(drawing: Drawing, layout: Layout, lane: Lane, side: str) -> None:

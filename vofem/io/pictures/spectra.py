@@ -12,7 +12,7 @@ from vofem.arrays import Array
 from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
-from vofem.io.pictures.axes import Canvas, Where, figure, ink, plain, stroke, text_size
+from vofem.io.pictures.axes import Canvas, Where, figure, ink, plain, single, stroke, text_size
 from vofem.io.pictures.histories import end_of
 from vofem.result import Result
 
@@ -78,8 +78,7 @@ def spectrum(
         limit = number("spectrum: limit", limit, positive=True)
     times, step = uniform_times(result, window)
     values = np.asarray(getattr(result, quantity)(place, times))
-    canvas = Canvas("spectrum", path, ax, (8.0, 4.8))
-    axes, unit = canvas.grid[0, 0], _UNITS[quantity]
+    (canvas, axes), unit = single("spectrum", path, ax, (8.0, 4.8)), _UNITS[quantity]
     if kind == "spectrogram":
         _spectrogram(canvas, times, step, values, unit if unit == "m" else f"({unit})", limit)
     else:
@@ -133,10 +132,8 @@ def density(values: Array, step: float) -> tuple[Array, Array]:
     """Return frequencies in Hz and the one-sided power spectral density of samples that are `step` seconds apart."""
     from scipy.signal import welch
 
-    frequency, power = welch(
-        values - values.mean(), 1.0 / step, nperseg=max(_FEWEST, 2 * values.size // _AVERAGED), detrend=False
-    )
-    return frequency, power
+    size = max(_FEWEST, 2 * values.size // _AVERAGED)
+    return welch(values - values.mean(), 1.0 / step, nperseg=size, detrend=False)
 
 
 def _end(frequency: Array, visible: NDArray[np.bool_], limit: float | None) -> float:

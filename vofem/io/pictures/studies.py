@@ -263,50 +263,34 @@ def sweep_curves(
     if not (units is None or isinstance(units, Mapping)):
         raise wrong("sweep_curves: units", repr(units), "a dict of units by names, such as {'gap': 'mm'}")
     axes_values = sweep.points.axes
-    if (
-        axes_values is None
-        or len(axes_values) > 2
-        or any(
-            isinstance(value, (str, bool)) or not np.isscalar(value)
-            for values in axes_values.values()
-            for value in values
-        )
-    ):
+    every = [value for values in (axes_values or {}).values() for value in values]
+    numbers = all(np.isscalar(value) and not isinstance(value, (str, bool)) for value in every)
+    if axes_values is None or len(axes_values) > 2 or not numbers:
         raise ArgumentError(f"sweep_curves: {sweep!r} is no grid of one or two parameters that are numbers")
     dimensions = len(axes_values)
     chosen = [name for name in wanted if sweep[name].ndim == dimensions and sweep[name].dtype.kind in "biuf"]
     if not chosen:
         raise ArgumentError(f"sweep_curves: {sweep!r} has no quantity that is one number a point")
     canvas = Canvas("sweep_curves", path, ax, (_PANEL[0], _PANEL[1] * len(chosen)), len(chosen), 1)
+    words = {name: plain(f"{name} [{(units or {})[name]}]" if name in (units or {}) else name)
+             for name in (*axes_values, *chosen)}  # fmt: skip
+    first, *others = (words[name] for name in axes_values)
+    rows, *columns = axes_values.values()
     for axes, name in zip(canvas.grid[:, 0], chosen, strict=True):
-        (_curve if dimensions == 1 else _map)(canvas.figure, axes, sweep, name, units or {})
+        axes.set(xlabel=first, ylabel=(*others, words[name])[0])
+        if not columns:
+            order = np.argsort(rows)
+            x, y = np.asarray(rows)[order], sweep[name][order]
+            axes.plot(x, y, ".-", color=COLORS[1], linewidth=stroke(1.2), markersize=4)
+            continue
+        values = np.ma.masked_invalid(np.asarray(sweep[name], dtype=float))
+        image = _mesh(axes, rows, columns[0], values, cmap="viridis")
+        # Cells reach half a distance beyond the outermost points, where nothing was computed.
+        for limits, series in ((axes.set_xlim, rows), (axes.set_ylim, columns[0])):
+            if min(series) < max(series):
+                limits(min(series), max(series))
+        canvas.figure.colorbar(image, ax=axes, label=words[name])
     return canvas
-
-
-def _curve(figure: Any, axes: Any, sweep: Sweep, name: str, units: Mapping[str, str]) -> None:
-    ((parameter, values),) = (sweep.points.axes or {}).items()
-    order = np.argsort(values)
-    axes.plot(np.asarray(values)[order], sweep[name][order], ".-", color=COLORS[1], linewidth=stroke(1.2), markersize=4)
-    axes.set(xlabel=_named(parameter, units), ylabel=_named(name, units))
-
-
-def _map(figure: Any, axes: Any, sweep: Sweep, name: str, units: Mapping[str, str]) -> None:
-    rows: Any
-    columns: Any
-    (first, rows), (second, columns) = (sweep.points.axes or {}).items()
-    values = np.ma.masked_invalid(np.asarray(sweep[name], dtype=float))
-    image = _mesh(axes, rows, columns, values, cmap="viridis")
-    axes.set(xlabel=_named(first, units), ylabel=_named(second, units))
-    # Cells reach half a distance beyond the outermost points, where nothing was computed.
-    for limits, series in ((axes.set_xlim, rows), (axes.set_ylim, columns)):
-        if min(series) < max(series):
-            limits(min(series), max(series))
-    figure.colorbar(image, ax=axes, label=_named(name, units))
-
-
-def _named(name: str, units: Mapping[str, str]) -> str:
-    """Return a name with its unit, where that is known."""
-    return plain(f"{name} [{units[name]}]" if name in units else name)
 
 
 @figure
@@ -328,11 +312,9 @@ def fit(result: Fit, path: Where = None, *, ax: Any = None) -> Any:
         size = int(used.sum())
         residuals = result.residuals[row : row + size]
         row += size
-        x = one.places[used]
-        constant = 0.0
+        x, values = one.places[used], one.values[used]
         if one.offset:
-            constant, shift = float(result.offsets[shift]), shift + 1
-        values = one.values[used] - constant
+            values, shift = values - float(result.offsets[shift]), shift + 1
         upper, lower = canvas.grid[0, k], canvas.grid[1, k]
         marker = "o" if size < 60 else "."
         upper.plot(x, values, marker, color=COLORS[0], markersize=4.0, label="measured")
