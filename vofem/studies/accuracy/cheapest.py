@@ -104,7 +104,8 @@ def cheapest(
     best: Run | None = None
     for n in fine_enough:
         for method in chosen:
-            best = _faster(best, _search(bench, method, n, allowed, best))
+            found = filter(None, (best, _search(bench, method, n, allowed, best)))
+            best = min(found, key=lambda run: run.seconds, default=None)
         if best is not None:
             break
     return Cheapest(best, tolerance, bench.study())
@@ -115,12 +116,6 @@ def _around(source: Source) -> list[int]:
         return [0]
     wanted = {int(m * source.own) for m in _MULTIPLES if float(m * source.own).is_integer()}
     return sorted(n for n in wanted if n >= 1 and source.can_have(n))
-
-
-def _faster(best: Run | None, run: Run | None) -> Run | None:
-    if best is None or run is None:
-        return best or run
-    return run if run.seconds < best.seconds else best
 
 
 def _search(bench: Bench, method: str, elements: int, allowed: float, best: Run | None) -> Run | None:

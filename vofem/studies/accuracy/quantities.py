@@ -82,12 +82,9 @@ def _event_error(found: tuple[Array, ...], expected: tuple[Array, ...], horizon:
     shifts = []
     for mine, theirs in zip(found, expected, strict=True):
         wanted = theirs[theirs <= horizon]
-        if mine.size < wanted.size or (horizon >= _last(mine, theirs) and mine.size != theirs.size):
+        last = np.max(np.append(mine, theirs), initial=0.0)
+        if mine.size < wanted.size or (horizon >= last and mine.size != theirs.size):
             return float("inf")
         shifts.append(np.abs(mine[: wanted.size] - wanted))
     every = np.concatenate(shifts) if shifts else np.empty(0)
     return float(np.max(every)) if every.size else np.nan
-
-
-def _last(*times: Array) -> float:
-    return max((float(t[-1]) for t in times if t.size), default=0.0)

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from vofem.scene import Scene
-from vofem.system import Load, System
 
 _FACTOR = 3.0
 
@@ -35,20 +34,17 @@ def scaled(scene: Scene) -> Scene | None:
     laws = [group.scaled(_FACTOR) for group in system.laws]
     if any(group is None for group in laws):
         return None
-    return scene.compiled_as(replace(scene.model, system=_times(system, tuple(laws), _FACTOR)))
+    found = replace(
+        system,
+        mass=_FACTOR * system.mass,
+        stiffness=_FACTOR * system.stiffness,
+        damping=None if system.damping is None else _FACTOR * system.damping,
+        strain=None if system.strain is None else np.sqrt(_FACTOR) * system.strain,
+        loads=tuple(replace(load, vector=_FACTOR * load.vector) for load in system.loads),
+        laws=tuple(laws),
+    )
+    return scene.compiled_as(replace(scene.model, system=found))
 
 
 def _is_there(value: Any) -> bool:
     return value is not None and not (hasattr(value, "__len__") and len(value) == 0)
-
-
-def _times(system: System, laws: tuple[Any, ...], factor: float) -> System:
-    return replace(
-        system,
-        mass=factor * system.mass,
-        stiffness=factor * system.stiffness,
-        damping=None if system.damping is None else factor * system.damping,
-        strain=None if system.strain is None else np.sqrt(factor) * system.strain,
-        loads=tuple(Load(factor * load.vector, load.function, load.name) for load in system.loads),
-        laws=laws,
-    )

@@ -15,7 +15,6 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
-from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -23,7 +22,7 @@ from typing import Any
 from vofem.errors import ArgumentError, ExecutorError
 from vofem.studies.processors import processors
 from vofem.studies.sweep.identity import name_of
-from vofem.studies.sweep.worker import Row, Task, compute, failed, timed_out
+from vofem.studies.sweep.worker import Row, Task, compute, timed_out
 
 #: Wall time that a batch is to take, in s: long against the cost of sending it, short enough to lose with a worker.
 _BATCH = 0.4
@@ -68,8 +67,6 @@ class Workers:
         if self._executor is None:
             context = multiprocessing.get_context("spawn")
             self._executor = ProcessPoolExecutor(self.count, mp_context=context, initializer=_begin_worker)
-        if not self.own:
-            return self._executor.submit(compute, task, points)
         others = set(multiprocessing.active_children()) - self._processes
         future = self._executor.submit(compute, task, points)
         self._processes = set(multiprocessing.active_children()) - others
@@ -113,12 +110,8 @@ def workers_for(executor: Any, function: Callable[..., Any], count: int | None) 
     )
 
 
-@dataclass
-class _Batch:
-    """Positions of points that were handed over together."""
-
-    positions: list[int]
-    begun: float = field(default_factory=time.monotonic)
+#: Positions of points that were handed over together.
+Batch = list[int]
 
 
 class Loop:
@@ -144,7 +137,8 @@ class Loop:
         # Points that are computed alone, which shows whether they are the cause of what happened in their batch.
         self._alone: deque[int] = deque()
         self._abrupt_ends: Counter[int] = Counter()
-        self._flying: dict[Future[list[Row]], _Batch] = {}
+        #: Batches on their way, and when they were handed over.
+        self._flying: dict[Future[list[Row]], tuple[Batch, float]] = {}
         self._seconds, self._counted = 0.0, 0
         self.restarts = self.batches = 0
 
@@ -157,7 +151,7 @@ class Loop:
             lost = self._hand_over()
             finished, _ = wait(self._flying, timeout=_INTERVAL, return_when=FIRST_COMPLETED)
             for future in finished:
-                batch = self._flying.pop(future)
+                batch, _ = self._flying.pop(future)
                 if not self._took(future, batch):
                     lost.append(batch)
             if lost:
@@ -166,24 +160,24 @@ class Loop:
                 self._end_overdue()
             self._check()
 
-    def _hand_over(self) -> list[_Batch]:
+    def _hand_over(self) -> list[Batch]:
         """Hand over as many batches as may be on their way; return the one that the executor could not take."""
         while (self._alone or self._waiting) and len(self._flying) < self._room():
             queue, size = (self._alone, 1) if self._alone else (self._waiting, self._size())
-            batch = _Batch([queue.popleft() for _ in range(size)])
+            batch, begun = [queue.popleft() for _ in range(size)], time.monotonic()
             try:
-                future = self._workers.submit(self._task, [self._points[k] for k in batch.positions])
+                future = self._workers.submit(self._task, [self._points[k] for k in batch])
             except RuntimeError as error:  # among them BrokenExecutor
                 if not self._workers.own:
                     raise ExecutorError(_NO_MORE.format(error)) from None
                 return [batch]
-            self._flying[future] = batch
+            self._flying[future] = batch, begun
             self.batches += 1
         return []
 
     def _room(self) -> int:
         """Return how many batches may be on their way."""
-        suspect = self._alone or any(k in self._abrupt_ends for one in self._flying.values() for k in one.positions)
+        suspect = self._alone or any(k in self._abrupt_ends for batch, _ in self._flying.values() for k in batch)
         if suspect or not self._counted:
             # The first point goes alone too: code is compiled once, and its time says how large batches are to be.
             return 1
@@ -198,17 +192,18 @@ class Loop:
         share = math.ceil(len(self._waiting) / (2 * self._workers.count))
         return max(1, min(int(by_time), share, len(self._waiting)))
 
-    def _took(self, future: Future[list[Row]], batch: _Batch) -> bool:
+    def _took(self, future: Future[list[Row]], batch: Batch) -> bool:
         """Keep the rows of a batch that came back; return False where it was lost with its worker."""
         error = None if future.cancelled() else future.exception()
-        if future.cancelled() or _worker_ended(error):
+        ended = isinstance(error, BrokenExecutor) or type(error).__name__ in ("KilledWorker", "TerminatedWorkerError")
+        if future.cancelled() or ended:
             return False
         if error is not None:
             # The executor could not send the batch or its rows; every other error is a row already.
-            self._keep(batch.positions, [failed(f"{type(error).__name__}: {error}") for _ in batch.positions])
+            self._keep(batch, [Row(None, f"{type(error).__name__}: {error}")] * len(batch))
             return True
         rows = future.result()
-        self._keep(batch.positions, rows)
+        self._keep(batch, rows)
         if self._counted == 1:
             # The first point may have compiled code, which says nothing of the next ones.
             self._seconds, self._counted = 0.0, 0
@@ -216,15 +211,15 @@ class Loop:
         self._counted += len(rows)
         return True
 
-    def _go_on_after(self, lost: list[_Batch]) -> None:
+    def _go_on_after(self, lost: list[Batch]) -> None:
         """Go on after workers have ended abruptly: their points are computed again, one at a time."""
         if self._workers.own:
-            lost = lost + self._all_ended()
+            lost = lost + [batch for batch, _ in self._all_ended()]
         self.restarts += 1
-        positions = sorted(k for batch in lost for k in batch.positions)
+        positions = sorted(k for batch in lost for k in batch)
         self._abrupt_ends.update(positions)
         if len(positions) == 1 and self._abrupt_ends[positions[0]] >= _ATTEMPTS:
-            self._keep(positions, [failed(_ABRUPT)])
+            self._keep(positions, [Row(None, _ABRUPT)])
         else:
             self._alone.extend(positions)
 
@@ -235,22 +230,22 @@ class Loop:
             return
         now = time.monotonic()
 
-        def late(batch: _Batch) -> bool:
-            return now - batch.begun > limit * len(batch.positions) + _GRACE
+        def late(batch: Batch, begun: float) -> bool:
+            return now - begun > limit * len(batch) + _GRACE
 
-        if not any(late(batch) for batch in self._flying.values()):
+        if not any(late(*one) for one in self._flying.values()):
             return
         self.restarts += 1
-        for batch in self._all_ended():
-            if not late(batch):
-                self._waiting.extendleft(reversed(batch.positions))
-            elif len(batch.positions) == 1:
-                self._keep(batch.positions, [failed(timed_out(limit), now - batch.begun)])
+        for batch, begun in self._all_ended():
+            if not late(batch, begun):
+                self._waiting.extendleft(reversed(batch))
+            elif len(batch) == 1:
+                self._keep(batch, [Row(None, timed_out(limit), seconds=now - begun)])
             else:
-                self._alone.extend(batch.positions)
+                self._alone.extend(batch)
 
-    def _all_ended(self) -> list[_Batch]:
-        """End all workers, and return the batches that they had."""
+    def _all_ended(self) -> list[tuple[Batch, float]]:
+        """End all workers, and return the batches that they had, and when they were handed over."""
         batches = list(self._flying.values())
         self._flying.clear()
         self._workers.end(at_once=True)
@@ -262,11 +257,6 @@ _NO_MORE = (
     "out of memory, or a crash); make a new one and run again: rows in a store are not computed again"
 )
 _ABRUPT = "WorkerError: the process of the worker ended abruptly at this point: out of memory, killed, or a crash"
-
-
-def _worker_ended(error: BaseException | None) -> bool:
-    """Return whether an error says that a worker has ended, whatever the executor."""
-    return isinstance(error, BrokenExecutor) or type(error).__name__ in ("KilledWorker", "TerminatedWorkerError")
 
 
 def _size(executor: Any) -> int:

@@ -248,7 +248,7 @@ class Sweep(Mapping[str, NDArray]):
 
 
 #: The row of a point that was not computed.
-NOT_REACHED = Row(None, "not computed: the sweep was stopped before", "", 0.0)
+NOT_REACHED = Row(None, "not computed: the sweep was stopped before")
 
 
 def sweep_of(points: Points, rows: Sequence[Row], counters: dict[str, int]) -> Sweep:
@@ -275,7 +275,7 @@ def agreeing(rows: Sequence[Row]) -> list[Row]:
                 pattern = found
             elif found != pattern:
                 message = f"TypeError: the function returned {_shapes(found)}, expected {_shapes(pattern)} as at first"
-                row = Row(None, message, "", row.seconds)
+                row = Row(None, message, seconds=row.seconds)
         result.append(row)
     return result
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from vofem._validate import number
@@ -120,32 +120,22 @@ def sweep(
     task = Task(function, limit, compiled)
     if store is None:
         return _computed(task, table, own, None, progress)
+    from vofem.studies.sweep.store import SweepFile
+
     about, unknown = identity(function, compiled)
-    with _opened(store, about, table.keys, retry_failed) as file:
-        outcome = _computed(task, table, own, file, progress)
+    with contextlib.closing(SweepFile(store, about)) as file:
+        if retry_failed:
+            file.forget_failed()
+        try:
+            outcome = _computed(task, table, own, file, progress)
+        finally:
+            file.finish(table.keys)
     if unknown:
         file.notes.append(
             f"the store cannot notice whether this has changed since its rows were computed: {', '.join(unknown)}; if "
             "it has, remove the store. Numbers, arrays, scenes and objects that pickle can copy are noticed"
         )
     return outcome.with_notes(file.notes)
-
-
-@contextlib.contextmanager
-def _opened(store: Any, about: dict[str, str], keys: Sequence[str], retry_failed: bool) -> Iterator[SweepFile]:
-    """Give the store of a function; after the block its table is written, with the rows of `keys` first."""
-    from vofem.studies.sweep.store import SweepFile
-
-    file = SweepFile(store, about)
-    try:
-        if retry_failed:
-            file.forget_failed()
-        try:
-            yield file
-        finally:
-            file.finish(keys)
-    finally:
-        file.close()
 
 
 def _computed(task: Task, points: Points, workers: Workers, store: SweepFile | None, progress: SweepProgress) -> Sweep:

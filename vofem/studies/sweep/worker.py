@@ -26,21 +26,16 @@ class TimeUp(BaseException):
     """The time limit of a point has passed. It is no `Exception`, so that handlers in the function do not catch it."""
 
 
-@contextlib.contextmanager
-def time_limit(seconds: float | None) -> Iterator[None]:
+def time_limit(seconds: float | None) -> contextlib.AbstractContextManager[None]:
     """Raise `TimeUp` in the block once it has taken longer than `seconds`.
 
     In the main thread a timer of the operating system interrupts the block, even while it waits. In other threads, and
     on Windows, the interpreter raises the error between two Python instructions, so a compiled loop must end first.
     """
     if seconds is None:
-        yield
-    elif threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer"):
-        with _alarm(seconds):
-            yield
-    else:
-        with _raised_in_thread(seconds):
-            yield
+        return contextlib.nullcontext()
+    own_timer = threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer")
+    return _alarm(seconds) if own_timer else _raised_in_thread(seconds)
 
 
 @contextlib.contextmanager
@@ -97,9 +92,9 @@ class Row:
     """The outcome of one point."""
 
     values: dict[str, NDArray] | None  #: What the function returned; None where it failed.
-    error: str  #: Type and message of the error; empty where there was none.
-    traceback: str  #: Where the error was raised.
-    seconds: float  #: Wall time of the call.
+    error: str = ""  #: Type and message of the error; empty where there was none.
+    traceback: str = ""  #: Where the error was raised.
+    seconds: float = 0.0  #: Wall time of the call.
 
 
 @dataclass(frozen=True)
@@ -118,24 +113,18 @@ def compute(task: Task, points: Sequence[dict[str, Any]]) -> list[Row]:
         return [_row(task, point) for point in points]
 
 
-def failed(error: str, seconds: float = 0.0, where: str = "") -> Row:
-    """Return the row of a point that failed."""
-    return Row(None, error, where, seconds)
-
-
 def _row(task: Task, point: dict[str, Any]) -> Row:
     begun = time.perf_counter()
     try:
         with time_limit(task.limit):
             values = _values(task.function(**point), point)
     except TimeUp:
-        return failed(timed_out(task.limit), time.perf_counter() - begun, traceback.format_exc())
+        return Row(None, timed_out(task.limit), traceback.format_exc(), time.perf_counter() - begun)
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # SystemExit of the function must not end the worker
-        message = f"{type(error).__name__}: {error}"
-        return failed(message, time.perf_counter() - begun, _where(error))
-    return Row(values, "", "", time.perf_counter() - begun)
+        return Row(None, f"{type(error).__name__}: {error}", _where(error), time.perf_counter() - begun)
+    return Row(values, seconds=time.perf_counter() - begun)
 
 
 def timed_out(limit: float | None) -> str:
