@@ -91,7 +91,7 @@ _EVENTS = {50.0: 63, 100.0: 208, 150.0: 541, 200.0: 1307, 250.0: 3068}
 @case(
     8, "chatter of the displacement law", "independent program",
     {
-        **{f"events by {t:g} s": Quantity("", n, tolerance={by.EVENT_DRIVEN: 0.0}) for t, n in _EVENTS.items()},
+        **{f"events by {t:g} s": Quantity("", float(n), tolerance={by.EVENT_DRIVEN: 0.0}) for t, n in _EVENTS.items()},
         "distance from the gap after 225 s [m]": absolute(0.0),
     },
     exact(1e-4) | stepping(1e-3, 3e-3, says="chatter"),
