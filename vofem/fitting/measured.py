@@ -255,17 +255,22 @@ class MeasuredEvents(Data):
     def model(self, trial: Trial) -> Array:
         """Return the times of the same events in a trial."""
         found = trial.run.contacts[self.contact]
-        end = float(trial.run.solution.t_end)
-        parts = [_first(known, wanted.size, end)
-                 for known, wanted in ((found.closings, self.closings), (found.openings, self.openings))]  # fmt: skip
-        return np.concatenate(parts)[self.used(trial.until)]
+        return self._first(found, float(trial.run.solution.t_end))[self.used(trial.until)]
 
     def jacobian(self, trial: Trial) -> Array:
         """Return the derivatives of `model`, shape (n, p); zero for events that do not happen."""
         found = trial.derivatives.contacts[self.contact]
-        pairs = ((found.closings, self.closings), (found.openings, self.openings))
-        rows = np.concatenate([_first(known, wanted.size, 0.0) for known, wanted in pairs])[self.used(trial.until)]
+        rows = self._first(found, 0.0)[self.used(trial.until)]
         return np.where(np.isfinite(rows), rows, 0.0)
+
+    def _first(self, contact: Any, missing: float) -> Array:
+        """Return what a contact tells of as many events as were measured, a number for those that it has not."""
+        parts = []
+        for known, wanted in ((contact.closings, self.closings), (contact.openings, self.openings)):
+            found = np.full((wanted.size, *known.shape[1:]), missing)
+            found[: known.shape[0]] = known[: wanted.size]
+            parts.append(found)
+        return np.concatenate(parts)
 
 
 class MeasuredFrequencies(Data):
@@ -518,11 +523,4 @@ def _noise(what: str, noise: Any, count: int) -> Array | None:
     found = array(f"{what}: noise", noise, shape=(count,))
     if np.any(found <= 0.0):
         raise ArgumentError(f"{what}: noise holds {found.min():g}, expected positive numbers")
-    return found
-
-
-def _first(known: Array, count: int, missing: float) -> Array:
-    """Return the first rows of an array, with a number in place of those that it does not have."""
-    found = np.full((count, *known.shape[1:]), missing)
-    found[: known.shape[0]] = known[:count]
     return found

@@ -78,8 +78,10 @@ class StudyFile:
 
     def function(self) -> Any:
         """Return the function of a point that a sweep calls, which other processes can import."""
+        # Of the text, reading needs the headers beside the tables.
+        order = "\n".join(line.strip() for line in self.text.splitlines() if line.lstrip().startswith("["))
         return functools.partial(
-            measured, content=json.dumps(self.content), order=table_order(self.text), folder=str(self.path.parent),
+            measured, content=json.dumps(self.content), order=order, folder=str(self.path.parent),
             measure=self.measure, after=self.after,
         )  # fmt: skip
 
@@ -126,11 +128,6 @@ def measured(
     result = file.simulate()
     found = _measures(measure, file, Place(Book(Path(folder), {body.name: body for body in file.scene.bodies})))
     return {name: quantity(result, *one, after) for name, one in found.items()}
-
-
-def table_order(text: str) -> str:
-    """Return the headers of a file: all that reading needs of its text beside the tables."""
-    return "\n".join(line.strip() for line in text.splitlines() if line.lstrip().startswith("["))
 
 
 def _values(given: Any, place: Place) -> dict[str, list[Any]]:

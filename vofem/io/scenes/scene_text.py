@@ -28,14 +28,9 @@ _SINGLE = ("run", "output", "respond", "initial")
 _STUDIES = ("sweep",)
 
 
-def _known() -> dict[str, type]:
-    """Return the classes of bodies and effects; looked up when a file is read, so that classes can be added."""
-    return BODIES | EFFECTS
-
-
 def _tables() -> tuple[str, ...]:
-    """Return the names of all tables of a scene file."""
-    return (*_SINGLE, *_known())
+    """Return the names of all tables of a scene file; looked up when it is read, so that classes can be added."""
+    return (*_SINGLE, *BODIES, *EFFECTS)
 
 
 #: Keys of the initial state of a body; zero where silent.
@@ -73,7 +68,13 @@ def read_tables(
             root.key(name).expected(f"one table, headed [{name}]", content[name])
     order = _order(content, text, root)
     _check_names(order, book)
-    bodies = [_body(name, table, place) for name, table, place in order if name in BODIES]
+    bodies = []
+    for name, table, place in order:
+        if name in BODIES:
+            bodies.append(body := read_table(BODIES[name], table, place))
+            if not isinstance(body, Invalid) and body.name not in book.bodies:
+                book.bodies[body.name] = body
+                book.broken.discard(body.name)
     if not bodies:
         root.report("there are no bodies; expected at least one [[beam]] or [[mass]]")
     effects = _effects([item for item in order if item[0] in EFFECTS])
@@ -107,11 +108,9 @@ def _order(content: dict[str, Any], text: str, root: Place) -> list[Item]:
         meant = _meant(name)
         if meant is None:
             continue
-        here = root.key(name)
-        if isinstance(tables, list):
-            groups[name] = [(meant, table, here.index(k)) for k, table in enumerate(tables)]
-        else:
-            groups[name] = [(meant, tables, here)]
+        here, several = root.key(name), isinstance(tables, list)
+        found = [(table, here.index(k)) for k, table in enumerate(tables)] if several else [(tables, here)]
+        groups[name] = [(meant, *one) for one in found]
     headers = [name for name in _HEADER.findall(text) if name in groups]
     if any(headers.count(name) != len(group) for name, group in groups.items()):
         return [item for group in groups.values() for item in group]
@@ -125,7 +124,7 @@ def _meant(name: str) -> str | None:
     So what is wrong inside it is noted too.
     """
     close = [name] if name in _tables() else get_close_matches(name, _tables(), n=1)
-    return close[0] if close and close[0] in _known() else None
+    return close[0] if close and close[0] in BODIES | EFFECTS else None
 
 
 def _check_names(order: list[Item], book: Book) -> None:
@@ -145,14 +144,6 @@ def _note_name(group: str, name: str, place: Place, first: dict[tuple[str, str],
     """Report a name that another thing of its group has, by the place of the `first` one."""
     if first.setdefault((group, name), place.path) != place.path:
         place.key("name").report(f"{name!r} is already the name of {first[group, name]}; give each its own")
-
-
-def _body(kind: str, table: Any, place: Place) -> Any:
-    body = read_table(BODIES[kind], table, place)
-    if not isinstance(body, Invalid) and body.name not in place.book.bodies:
-        place.book.bodies[body.name] = body
-        place.book.broken.discard(body.name)
-    return body
 
 
 def _effects(items: list[Item]) -> list[Any]:

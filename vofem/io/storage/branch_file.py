@@ -94,23 +94,22 @@ def _orbits(orbits: Sequence[PeriodicOrbit]) -> dict[str, Any]:
         except SceneFileError as error:
             texts.append("")
             problems.append(str(error))
-    starts = [orbit.start is not None for orbit in orbits]
+    starts = [orbit.start for orbit in orbits if orbit.start is not None]
+    known = len(starts) == len(orbits) > 0
     return {
         "scenes": texts,
         "problems": problems,
         "method": [orbit.method for orbit in orbits],
-        "omega": np.array([orbit.omega for orbit in orbits]),
-        "periods": np.array([orbit.periods for orbit in orbits]),
-        "residual": np.array([orbit.residual for orbit in orbits]),
-        "autonomous": np.array([orbit.autonomous for orbit in orbits]),
+        **{name: np.array([getattr(orbit, name) for orbit in orbits])
+           for name in ("omega", "periods", "residual", "autonomous")},
         "stable": [orbit.stable for orbit in orbits],
         "notes": [list(orbit.notes) for orbit in orbits],
         "multipliers": [orbit.multipliers for orbit in orbits],
         "truncation": [None if orbit.truncation is None else list(astuple(orbit.truncation)) for orbit in orbits],
         "unknowns": [orbit.unknowns for orbit in orbits],
-        "q": np.array([orbit.start.q for orbit in orbits if orbit.start]) if all(starts) and starts else None,
-        "v": np.array([orbit.start.v for orbit in orbits if orbit.start]) if all(starts) and starts else None,
-    }
+        "q": np.array([start.q for start in starts]) if known else None,
+        "v": np.array([start.v for start in starts]) if known else None,
+    }  # fmt: skip
 
 
 def read(file: h5py.File) -> Branch | Locus:
@@ -193,8 +192,7 @@ def _scene(text: str, problem: str, folder: Path, content: dict[str, Any] | None
     """Return the scene of an orbit from its text, or from changed content of the same order."""
     if not text:
         raise MissingCallableError(
-            f"the scene of this orbit could not be written to the file, so its motion is not known: {problem}; follow "
-            "the branch again with vofem.continuation"
+            f"the scene of this orbit could not be written to the file, so its motion is not known: {problem}; {_AGAIN}"
         )
     book = Book(folder)
     scene, _, _ = read_tables(tomllib.loads(text) if content is None else content, text, book)
@@ -235,10 +233,9 @@ class _Loaded:
             entries = [tables[k][place] for k in known]
             if entries.count(entries[0]) == count:
                 continue
+            path = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in place).lstrip(".")
             if any(isinstance(entry, bool) or not isinstance(entry, int | float) for entry in entries):
-                raise ArgumentError(
-                    f"at: {_path(place)} of the scenes changes along the branch and is no number; {_AGAIN}"
-                )
+                raise ArgumentError(f"at: {path} of the scenes changes along the branch and is no number; {_AGAIN}")
             at, numbers = self._values[known], np.array(entries, dtype=float)
             highest = _DEGREE if len(known) == count else min(_DEGREE, len(known) - 2)
             for degree in range(1, highest + 1):
@@ -248,7 +245,7 @@ class _Loaded:
                     break
             else:
                 raise ArgumentError(
-                    f"at: {_path(place)} of the scenes is no polynomial in the branch's parameter up to degree "
+                    f"at: {path} of the scenes is no polynomial in the branch's parameter up to degree "
                     f"{_DEGREE}, so the file does not tell it between its orbits; {_AGAIN}"
                 )
         return found
@@ -316,7 +313,3 @@ def _leaves(table: Any, place: tuple[Any, ...]) -> Iterator[tuple[tuple[Any, ...
         return
     for key, entry in entries:
         yield from _leaves(entry, (*place, key))
-
-
-def _path(place: tuple[Any, ...]) -> str:
-    return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in place).lstrip(".")

@@ -95,6 +95,11 @@ def read_history(group: h5py.Group) -> History:
     if "contact" in group:
         contacts = ContactSamples(*(_columns(group[f"contact_{name}"]) for name in ("status", "stiffness", "force")))
         initial = group["contact_initial_status"][()]
+    recorded = None
+    if "recorded" in group:
+        names = tuple(text.decode() for text in group["recorded"][()])
+        motion = (_columns(group[f"recorded_{name}"]) for name, _, _ in MOTION)
+        recorded = ProbeSamples(names, group["recorded_time"][()], *motion)
     energies = {name: group[f"{name}_energy"][()] for name in ENERGIES}
     events = {name: group[f"event_{name}"][()] for name in ("time", "contact", "status")}
     return History(
@@ -103,16 +108,7 @@ def read_history(group: h5py.Group) -> History:
         contacts=contacts,
         energy=Energy(**energies, start=float(group.attrs["energy_at_start"][0])),
         events=Events(**events, initial=initial),
-        recorded=_recorded(group),
-    )
-
-
-def _recorded(group: h5py.Group) -> ProbeSamples | None:
-    if "recorded" not in group:
-        return None
-    names = tuple(text.decode() for text in group["recorded"][()])
-    return ProbeSamples(
-        names, group["recorded_time"][()], *(_columns(group[f"recorded_{name}"]) for name, _, _ in MOTION)
+        recorded=recorded,
     )
 
 

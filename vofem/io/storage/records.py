@@ -174,7 +174,8 @@ def encoder(times: Array) -> Encode:
     def encode(value: Any) -> tuple[str, Any] | None:
         name = _NAMES_OF.get(type(value))
         if name is not None:
-            return name, _values(value)
+            values = values_of(value)
+            return name, values | {"supports": dict(values["supports"])} if isinstance(value, Beam) else values
         if type(value) is Point:
             return "point", (value.body, float(value.x))
         if type(value) is TravellingPoint:
@@ -190,11 +191,6 @@ def encoder(times: Array) -> Encode:
         return None
 
     return encode
-
-
-def _values(thing: Any) -> dict[str, Any]:
-    values = values_of(thing)
-    return values | {"supports": dict(values["supports"])} if isinstance(thing, Beam) else values
 
 
 def _initial(scene: Scene) -> Any:

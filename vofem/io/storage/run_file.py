@@ -24,12 +24,12 @@ from vofem._validate import array, number
 from vofem.errors import ArgumentError, SceneFileError
 from vofem.files.hdf5 import RUN, Blocks, checked_group, mark_format, write_rows, writing
 from vofem.files.whole import refuse_existing, target, try_to_write
-from vofem.histories import Energy
-from vofem.integrators.base import Energies, Samples, Solution
+from vofem.histories.variables import ENERGIES
+from vofem.integrators.base import Energies, Solution
 from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.stepped import SteppedSolution
 from vofem.io.scenes.scene_text import scene_to_toml
-from vofem.io.storage.history import read_history, write_history
+from vofem.io.storage.history import History, read_history, write_history
 from vofem.io.storage.records import decode, encoder, restored_scene, scene_record
 from vofem.io.storage.tree import read_array, read_tree, write_array, write_text, write_tree
 from vofem.io.storage.vtkhdf import frame_times, write_fields
@@ -37,7 +37,6 @@ from vofem.kernels.mode import kernels
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.plan import model_at
-from vofem.system import Events
 
 #: Fields that the group `history` holds; the caller puts them back.
 _ELSEWHERE = ("times", "samples", "stored", "events", "probes")
@@ -76,14 +75,12 @@ def write_segments(blocks: Blocks, group: h5py.Group, solution: Any) -> None:
         write_rows(blocks, group, name, getattr(segments, name))
 
 
-def restored_solution(
-    record: dict[str, Any], group: h5py.Group, samples: Samples, energy: Energy, events: Events, times: Any
-) -> Solution:
+def restored_solution(record: dict[str, Any], group: h5py.Group, history: History) -> Solution:
     """Return the solution from its record and the data that are stored separately."""
-    kind = record.pop("kind")
-    if kind == "stepped":
-        parts = (energy.kinetic, energy.strain, energy.contact, energy.dissipated, energy.work)
-        return SteppedSolution(**record, times=times, samples=samples, stored=Energies(*parts), events=events)
+    times, events = history.times, history.events
+    if record.pop("kind") == "stepped":
+        stored = Energies(*(getattr(history.energy, name) for name in ENERGIES))
+        return SteppedSolution(**record, times=times, samples=history.samples, stored=stored, events=events)
     from vofem.integrators.event_driven import EventSolution
 
     sensitivity, vectors, truncation = (record.pop(name) for name in ("sensitivity", "vectors", "truncation"))
@@ -191,9 +188,7 @@ def read(file: h5py.File, scene: Scene | None = None) -> Result:
         record["solution"]["system"] = model.system
     compiled = bool(own.attrs["compiled"])
     with kernels(compiled=compiled):
-        solution = restored_solution(
-            record["solution"], own, history.samples, history.energy, history.events, history.times
-        )
+        solution = restored_solution(record["solution"], own, history)
     result = Result(
         scene, str(own.attrs["method"]), solution, history.recorded, model=model, t_start=t_start,
         start=record["start"], compiled=compiled,
