@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,18 +52,12 @@ class Explanation(Shown):
     __repr__ = __str__
 
 
-def _holds(kind: str) -> Callable[[System], bool]:
-    """Return whether a system has laws of a kind, as a function of the system."""
-    return lambda system: any(group.kind == kind for group in system.laws)
-
-
-_KINDS: tuple[tuple[str, Callable[[System], bool]], ...] = (
-    (KINDS[0], _holds(KINDS[0])),
-    ("contact dampers", lambda system: system.contacts is not None and bool(np.any(system.contacts.damping > 0))),
-    ("damping", lambda system: system.damped),
-    *((kind, _holds(kind)) for kind in KINDS[1:]),
-    ("loads", lambda system: bool(system.loads)),
-)
+def _absent(system: System) -> tuple[str, ...]:
+    """Return the kinds of effects that a system does not have."""
+    found = {kind: any(group.kind == kind for group in system.laws) for kind in KINDS}
+    dampers = system.contacts is not None and bool(np.any(system.contacts.damping > 0))
+    first = {KINDS[0]: found.pop(KINDS[0]), "contact dampers": dampers, "damping": system.damped}
+    return tuple(kind for kind, there in (first | found | {"loads": bool(system.loads)}).items() if not there)
 
 
 def _start_of(scene: Scene) -> tuple[str, ...]:
@@ -106,5 +100,5 @@ def explain(scene: Scene, t_end: float | None = None, tol: float | None = None) 
         unknowns=system.size,
         method=choice.method,
         why=choice.why,
-        absent=tuple(kind for kind, present in _KINDS if not present(system)),
+        absent=_absent(system),
     )

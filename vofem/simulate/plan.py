@@ -14,7 +14,7 @@ from vofem.assembly import Model
 from vofem.blas import blas_threads
 from vofem.doubtful import doubtful
 from vofem.errors import MethodError
-from vofem.integrators.base import ProbeRows, ProbeSamples, Solution
+from vofem.integrators.base import ProbeRows, ProbeSamples
 from vofem.integrators.method import Method
 from vofem.integrators.registry import method_named
 from vofem.kernels.choice import choose
@@ -148,20 +148,13 @@ def _run(scene: Scene, plan: Plan, observer: RunProgress | None, snapshot: dict[
             else f"sliders: the spring of Friction {name!r} begins relaxed, without the force that it has in the "
             "earlier run; vofem.resume carries it on"
         )
-    recorded = _recorded(plan.probes, solution)
+    recorded = solution.probes
+    if recorded is None and plan.probes is not None:
+        # Without steps, the motion at the times of the run.
+        samples = solution.sample(solution.times)
+        motion = (np.asarray(samples.along(plan.probes.rows, kind)) for kind in "qva")
+        recorded = ProbeSamples(plan.probes.names, solution.times, *motion)
     return Result(
         scene, plan.method, solution, recorded, model=model, t_start=plan.t_start, start=plan.start,
         compiled=plan.ran is not False,
     )  # fmt: skip
-
-
-def _recorded(probes: ProbeRows | None, solution: Solution) -> ProbeSamples | None:
-    """Return what a run has recorded at points; without steps, their motion at its times."""
-    if probes is None:
-        return None
-    record = solution.probes
-    if record is None:
-        samples = solution.sample(solution.times)
-        motion = (np.asarray(samples.along(probes.rows, kind)) for kind in "qva")
-        record = ProbeSamples(probes.names, solution.times, *motion)
-    return record

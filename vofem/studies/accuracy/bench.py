@@ -80,7 +80,10 @@ class Bench:
         self.t_end = number(f"{what}: t_end", t_end, positive=True)
         self.repeats, self.workers = whole(f"{what}: repeats", repeats), whole(f"{what}: workers", workers)
         self.cap = number(f"{what}: cap", cap, positive=True)
-        self.meshes = None if elements is None else _whole_numbers(f"{what}: elements", elements)
+        what_of = f"{what}: elements"
+        self.meshes = None if elements is None else sorted({whole(what_of, n) for n in listed(elements)})
+        if self.meshes == []:
+            raise ArgumentError(f"{what_of} is empty, expected numbers of elements; leave it out for a default")
         self.source = Source(scene, self.meshes[0] if self.meshes else None)
         times = np.linspace(0.0, self.t_end, whole(f"{what}: samples", samples, 2))
         own = self.source.scene(self.source.own)
@@ -222,31 +225,21 @@ def _simulate(scene: Scene, question: Question, setting: Setting) -> Result:
     return simulated(scene, question, method, dt=setting.dt, tol=setting.tol, **without_second_run(method))
 
 
-def _whole_numbers(what: str, values: Iterable[int]) -> list[int]:
-    """Return positive whole numbers in order, each once."""
-    if not (given := listed(values)):
-        raise ArgumentError(f"{what} is empty, expected numbers of elements; leave it out for a default")
-    return sorted({whole(what, n) for n in given})
-
-
 def _with_orders(runs: list[Run]) -> Iterable[Run]:
     """Give the runs with their orders in dt, each against the run with the next larger step on its mesh."""
     for run in runs:
         setting = run.setting
         larger = [
-            other for other in runs
+            (other.setting.dt, other.time.rms) for other in runs
             if other.setting.method == setting.method and other.setting.elements == setting.elements
             and setting.dt is not None and other.setting.dt is not None and other.setting.dt > 1.01 * setting.dt
         ]  # fmt: skip
-        if not larger:
-            yield run
-            continue
-        next_larger = min(larger, key=lambda other: other.setting.dt or 0.0)
-        assert setting.dt is not None
-        assert next_larger.setting.dt is not None
-        errors, steps = (next_larger.time.rms, run.time.rms), next_larger.setting.dt / setting.dt
-        known = min(errors) > 0.0
-        yield replace(run, order=float(np.log(errors[0] / errors[1]) / np.log(steps)) if known else float("nan"))
+        if larger and setting.dt is not None:
+            dt, error = min(larger, key=lambda one: one[0])
+            known = min(error, run.time.rms) > 0.0
+            order = float(np.log(error / run.time.rms) / np.log(dt / setting.dt)) if known else float("nan")
+            run = replace(run, order=order)
+        yield run
 
 
 def default_point(scene: Scene, t_end: float) -> Any:

@@ -31,7 +31,7 @@ def scaled(scene: Scene) -> Scene | None:
     system = scene.model.system
     if any(_is_there(getattr(system, field.name)) for field in fields(system) if field.name not in _KNOWN):
         return None
-    laws = [group.scaled(_FACTOR) for group in system.laws]
+    laws: list[Any] = [group.scaled(_FACTOR) for group in system.laws]
     if any(group is None for group in laws):
         return None
     found = replace(

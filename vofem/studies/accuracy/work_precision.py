@@ -101,7 +101,7 @@ def work_precision(
     """
     bench = Bench("work_precision", scene, t_end, elements, point, samples, repeats, cap, workers, progress)
     source, t_end = bench.source, bench.t_end
-    meshes = bench.meshes or own_and_twice(source)
+    meshes = bench.meshes or ([source.own, 2 * source.own] if source.own else [0])
     chosen = applicable(source, methods)
     steps = None if dt is None else [number("work_precision: dt", value, positive=True) for value in listed(dt)]
     tolerances = [number("work_precision: tol", value, positive=True) for value in listed(tol)]
@@ -157,11 +157,6 @@ def default_steps(source: Source, method: str, elements: int, t_end: float) -> l
 
     limit = critical_step(source.scene(elements).model.system, None)
     return [min(fraction * limit, t_end / count) for fraction, count in zip(_FRACTIONS, _STEPS[1:], strict=False)]
-
-
-def own_and_twice(source: Source) -> list[int]:
-    """Return the scene's own number of elements, and twice as many where it has any."""
-    return [source.own, 2 * source.own] if source.own else [0]
 
 
 def applicable(source: Source, methods: Iterable[str] | None) -> list[str]:

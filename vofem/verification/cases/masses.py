@@ -104,8 +104,10 @@ def _long_time(phase: float, steps: int = 1_000_000) -> Case:
     how[by.CENTRAL] = How(0.01, {"dt": dt}, "reported", "energy: ")
     if phase >= 2.0:
         how[by.CENTRAL] = How(0.0, {"dt": dt}, "refused", "critical step")
-    told = ("reported", "energy: ") if phase < 0.5 else ("stopped", "blew up")
-    how[by.ALPHA] = How(0.01 if phase < 0.5 else 0.0, {"dt": dt, "rho_infinity": 1.0}, *told)
+    options = {"dt": dt, "rho_infinity": 1.0}
+    how[by.ALPHA] = (
+        How(0.01, options, "reported", "energy: ") if phase < 0.5 else How(0.0, options, "stopped", "blew up")
+    )
     name = f"long-time energy, 1e6 steps, omega dt = {phase:g}"
 
     @case(7, name, "closed form", {"energy drift": absolute(0.0)}, how)

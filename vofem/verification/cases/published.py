@@ -260,7 +260,7 @@ def _loose_tube(run: Run) -> Iterable[float]:
     times = np.linspace(0.17, 0.25, 4001)
     stops = run.simulate(loosely_supported_tube(), 0.25, times=times).contacts
     force = stops["above 4"].force - stops["below 4"].force
-    return [np.sqrt(np.trapezoid(force**2, times) / 0.08)] * len(_TUBE["quantities"])
+    return [float(np.sqrt(np.trapezoid(force**2, times) / 0.08))] * len(_TUBE["quantities"])
 
 
 def loosely_supported_tube() -> Scene:
