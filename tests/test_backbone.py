@@ -217,6 +217,16 @@ def test_a_free_oscillation_is_not_taken_for_chaos():
         assert 0.0 < exponent < np.log(np.sqrt(10.0) * (1000.0 - skip)) / (1000.0 - skip)
 
 
+@pytest.mark.parametrize("stiffness", [0.5, 20.0])
+def test_the_error_of_an_exponent_holds_what_growth_like_t_leaves_of_a_zero(stiffness):
+    mass, scene = on_stop(vf.Mass(1.0, stiffness=1.0), gap=0.6, stiffness=stiffness)
+    free = vf.Scene([mass], scene.contacts, initial={mass: (0.0, 1.0)})
+    found = vf.lyapunov(free, 3000.0, skip=900.0)
+    assert found.exponents[0] == pytest.approx(np.log(3000.0 / 900.0) / 2100.0, rel=0.3)
+    assert found.exponents[0] < 1.3 * found.error[0]
+    assert found.error[0] < 2.0 * np.log(3000.0 / 900.0) / 2100.0
+
+
 def test_exponents_without_loads():
     mass = vf.Mass(1.0, stiffness=4.0, damping=0.4)
     found = vf.lyapunov(vf.Scene([mass], initial={mass: (1.0, 0.0)}), 100.0, count=2)

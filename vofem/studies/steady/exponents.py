@@ -42,9 +42,9 @@ class LyapunovExponents:
         The largest exponents in descending order, 1/s. Where a contact rests at its gap under the displacement law,
         perturbations across it vanish, and their exponents are -inf.
     error : ndarray, shape (count,)
-        Estimated standard errors, 1/s: from the scatter over parts of the run, or half the difference between the two
-        halves of the run if that is larger. They do not hold what perturbations that grow like t leave of an exponent
-        0: about ``ln(omega T)/T`` for a typical angular frequency omega and ``T = t_end - skip``.
+        Estimated errors, 1/s: the largest of the standard error from the scatter over parts of the run, half the
+        difference between the two halves of the run, and what perturbations that grow like t add to an exponent 0,
+        which is ``ln(t_end/skip)/(t_end - skip)`` after a transient.
     t_end, skip : float
         The arguments of `lyapunov`, in s.
     notes : tuple of str
@@ -182,9 +182,25 @@ def _estimated(growth: Array, durations: Array, begins: float, ends: float) -> t
     parts = min(_PARTS, growth.shape[0])
     groups = np.array_split(np.arange(growth.shape[0]), parts)
     with np.errstate(invalid="ignore"):
-        rates = np.array([growth[group].sum(axis=0) / durations[group].sum() for group in groups])
+        grown = np.array([growth[group].sum(axis=0) for group in groups])
+        lasting = np.array([durations[group].sum() for group in groups])
+        rates = grown / lasting[:, None]
         scatter = rates.std(axis=0, ddof=1) / np.sqrt(parts) if parts > 1 else np.full(exponents.shape, np.inf)
         half = parts // 2
         halves = 0.5 * np.abs(rates[:half].mean(axis=0) - rates[half:].mean(axis=0)) if half else scatter
-        error = np.where(np.isfinite(exponents), np.maximum(scatter, halves), 0.0)
+        steady = _without_powers(np.cumsum(grown, axis=0), begins + np.cumsum(lasting))
+        largest = np.max([scatter, halves, np.abs(exponents - steady)], axis=0)
+        error = np.where(np.isfinite(exponents), largest, 0.0)
     return exponents[order], error[order]
+
+
+def _without_powers(grown: Array, times: Array) -> Array:
+    """Return exponents without what perturbations that grow like a power of time add to them.
+
+    The growth up to a time t is fitted by ``a + exponent t + power ln(t)``. A neutral perturbation grows like t at
+    most: this is what a motion whose frequency depends on its energy does to it.
+    """
+    line, powers = np.vander(times / times[-1], 2), np.log(times / times[-1])
+    power = (np.linalg.pinv(np.column_stack([line, powers])) @ grown)[2]
+    fitted = np.linalg.pinv(line) @ (grown - np.clip(power, -1.0, 1.0) * powers[:, None])
+    return np.asarray(fitted[0] / times[-1])
