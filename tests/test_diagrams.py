@@ -100,6 +100,7 @@ def test_runs_that_fail_leave_the_others_alone():
         ({"values": [0.5, float("nan")]}, "values holds nan"),
         ({"periods": 0}, "periods is 0"),
         ({"skip": -1}, "skip is -1"),
+        ({"follow": "no"}, "follow is 'no', expected True or False"),
         ({"build": transient}, "every run failed, the first with"),
     ],
 )

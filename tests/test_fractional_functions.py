@@ -345,6 +345,7 @@ T = np.linspace(0.0, 1.0, 11)
         (lambda: rl_derivative(T, T, 0.5, "bdf"), "method is 'bdf'"),
         (lambda: rl_derivative(T, T, 0.5, reading="inside"), "reading is 'inside'"),
         (lambda: rl_derivative(T, T, 0.5, start=(0.0, 0.0)), "different exponents"),
+        (lambda: rl_derivative(T, T, 0.5, fast="no"), "fast is 'no', expected True or False"),
         (lambda: rl_derivative(T, T, 0.5, history=3.0), "expected a pair"),
         (lambda: rl_derivative(T, T, 0.5, history=(T - 2.0, T)), "the history ends at -1 s"),
         (lambda: rl_derivative(T, T, 0.5, history=(T - 1.0, T * np.inf)), "history samples holds"),

@@ -271,7 +271,7 @@ def test_patience_ends_plain_work():
 
 def test_compiled_says_what_it_takes():
     _, scene = paper_beam("displacement")
-    with pytest.raises(vf.ArgumentError, match="compiled is 'yes', expected True, False"):
+    with pytest.raises(vf.ArgumentError, match="compiled is 'yes', expected True or False, or None to let"):
         vf.simulate(scene, 1.0, compiled="yes")
 
 

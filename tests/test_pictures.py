@@ -173,6 +173,8 @@ def test_time_history_of_several_points_and_runs(tmp_path):
     assert both.shape[1] > one.shape[1]
     with pytest.raises(vf.ArgumentError, match="point is 3"):
         time_history(result, 3.0, tmp_path / "a.png")
+    with pytest.raises(vf.ArgumentError, match="envelope is 'no', expected True or False, or None to draw it where"):
+        time_history(result, scene.bodies, tmp_path / "a.png", envelope="no")
     with pytest.raises(vf.ArgumentError, match="points is empty"):
         time_history(result, [], tmp_path / "a.png")
 

@@ -91,7 +91,9 @@ def test_points_that_cannot_serve_are_refused(points, message):
     [
         ({"executor": "dask"}, "executor is 'dask', expected None"),
         ({"executor": 4}, "executor is 4, expected None"),
-        ({"workers": 0}, "workers is 0, expected a positive integer"),
+        ({"workers": 0}, "workers is 0, expected a whole number, 1 or more"),
+        ({"retry_failed": "no", "executor": "serial"}, "retry_failed is 'no', expected True or False"),
+        ({"compiled": 1, "executor": "serial"}, "compiled is 1, expected True or False, or None"),
         ({"time_limit": -1.0, "executor": "serial"}, "time_limit is -1.0, expected a positive number"),
         ({"progress": 3, "executor": "serial"}, "progress is 3, expected True, False, or a function"),
         ({"store": "rows.txt", "executor": "serial"}, "rows.txt.*expected a name that ends in"),

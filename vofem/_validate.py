@@ -134,11 +134,16 @@ def whole(what: str, value: Any, least: int = 1, most: int | None = None) -> int
     return int(value)
 
 
-def flag(what: str, value: Any) -> bool:
+def flag(what: str, value: Any, hint: str = "") -> bool:
     """Return `value` as a bool if it is one, of numpy too, or raise `ArgumentError` naming `what`."""
     if not isinstance(value, (bool, np.bool_)):
-        raise wrong(what, repr(value), "True or False")
+        raise wrong(what, repr(value), "True or False", hint)
     return bool(value)
+
+
+def flag_or_none(what: str, value: Any, meaning: str) -> bool | None:
+    """Return `value` as `flag` does, or None where it is None, whose `meaning` the message gives: ``"to ..."``."""
+    return None if value is None else flag(what, value, f", or None {meaning}")
 
 
 def array(what: str, values: Any, *, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:

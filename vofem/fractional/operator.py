@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import array, choice
+from vofem._validate import array, choice, flag
 from vofem.arrays import Array
 from vofem.errors import ArgumentError
 from vofem.fractional.frozen import METHODS, check, frozen
@@ -159,7 +159,7 @@ class _Operator:
         derivative: bool,
     ) -> None:
         self.method = choice("method", method, METHODS)
-        self.fast = bool(fast)
+        self.fast = flag("fast", fast)
         self.function = sampled(samples, t)
         highest = 1.0 if derivative and self.method == "l1" else 2.0
         self.orders = orders_at(order, self.function.t, highest=highest)

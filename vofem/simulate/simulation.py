@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import nearest, number, one_of, series
+from vofem._validate import flag_or_none, nearest, number, one_of, series
 from vofem.arrays import Array
 from vofem.bodies.base import Point
 from vofem.cards import from_io
@@ -132,10 +132,7 @@ def simulate(
     A second Ctrl-C raises KeyboardInterrupt at once, and nothing is returned.
     """
     t_end = number("simulate: t_end", t_end, positive=True)
-    if not (compiled is None or isinstance(compiled, (bool, np.bool_))):
-        raise ArgumentError(
-            f"simulate: compiled is {compiled!r}, expected True, False or None, which lets vofem decide"
-        )
+    compiled = flag_or_none("simulate: compiled", compiled, "to let vofem decide")
     wanted = None if times is None else _output_times(times, t_end)
     system = as_scene("simulate", scene).model.system
     t_start = number("simulate: t_start", t_start, minimum=0)

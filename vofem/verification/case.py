@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import Any, Literal, get_args
 
-from vofem._validate import choice
+from vofem._validate import choice, flag
 from vofem.bodies import Mass
 from vofem.effects import Contact
 from vofem.errors import ArgumentError, SingularSystemError, VofemError
@@ -268,6 +268,7 @@ def verify(cases: Iterable[Case], method: str | None = None, quick: bool = False
     `quick`: whether slow runs are left out.
     Raises `ArgumentError` for an unknown method, and where no run is left.
     """
+    quick = flag("verify: quick", quick)
     if method is not None:
         choice("verify: method", method, subjects())
     runs = [

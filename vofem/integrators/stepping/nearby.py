@@ -25,8 +25,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem._validate import flag_or_none
 from vofem.arrays import Array
-from vofem.errors import ArgumentError, VofemError
+from vofem.errors import VofemError
 from vofem.integrators.observer import deferred_interrupts
 from vofem.integrators.registry import advice
 from vofem.integrators.stepping.record import Record
@@ -66,11 +67,7 @@ def check_nearby(nearby: object) -> None:
 
     Raises `ArgumentError`.
     """
-    if nearby is not None and not isinstance(nearby, bool):
-        raise ArgumentError(
-            f"simulate: nearby is {nearby!r}, expected True or False, or None to make second runs where they take less "
-            "than a second"
-        )
+    flag_or_none("simulate: nearby", nearby, "to make second runs where they take less than a second")
 
 
 def note_growth(nearby: bool | None, run: Run, out: Record, again: Callable[[State], Run]) -> list[str]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vofem._validate import listed, wrong
+from vofem._validate import flag_or_none, listed, wrong
 from vofem.arrays import Array
 from vofem.bodies.base import Point, as_point
 from vofem.bodies.path import TravellingPoint
@@ -69,6 +69,7 @@ def time_history(
     ArgumentError
         If `point` is not a point, `contact` is not a contact of the run, or the window lies outside the run.
     """
+    envelope = flag_or_none("time_history: envelope", envelope, "to draw it where there are very many oscillations")
     runs = result if isinstance(result, Mapping) else {"": result}
     if not runs:
         raise wrong("result", "empty", "a Result, or a mapping of titles to Results")
@@ -133,7 +134,7 @@ class _Run:
         self.times = _times(run, contacts, *self.window)
         self.motion = np.array([run.displacement(point, self.times) for point in points])
         crossings = int(np.count_nonzero(np.diff(self.motion[0] > self.motion[0].mean())))
-        enveloped = crossings > _CROSSINGS if envelope is None else bool(envelope)
+        enveloped = crossings > _CROSSINGS if envelope is None else envelope
         # Each part holds a few periods: in shorter ones the envelope would go up and down with the motion.
         self.parts = int(np.clip(crossings // _CROSSINGS_EACH, _FEWEST, _PARTS)) if enveloped else 0
         laws = run.model.system.contacts

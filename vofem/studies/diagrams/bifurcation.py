@@ -11,7 +11,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import choice, listed, name_of, series, unknown, whole
+from vofem._validate import choice, flag, listed, name_of, series, unknown, whole
 from vofem.arrays import Array
 from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
@@ -217,6 +217,7 @@ def bifurcation_diagram(
         For arguments out of range. Loads without a common period make every run fail; `failed` says so.
     """
     given = series("bifurcation_diagram: values", values)
+    follow = flag("bifurcation_diagram: follow", follow)
     how = stroboscope("bifurcation_diagram", points, period, periods, skip, method)
     rest = sweep(
         functools.partial(_from_rest, build=build, how=how), {"value": given.tolist()}, **_beside(options, "rest")

@@ -19,6 +19,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from vofem._validate import whole
 from vofem.errors import ArgumentError, ExecutorError
 from vofem.studies.processors import processors
 from vofem.studies.sweep.identity import name_of
@@ -89,8 +90,8 @@ def workers_for(executor: Any, function: Callable[..., Any], count: int | None) 
 
     Raises `ArgumentError` if it is nothing that computes, or if the function cannot be sent to other processes.
     """
-    if count is not None and (isinstance(count, bool) or not isinstance(count, int) or count < 1):
-        raise ArgumentError(f"sweep: workers is {count!r}, expected a positive integer")
+    if count is not None:
+        count = whole("sweep: workers", count)
     if executor is None:
         _refuse_unguarded()
         _check_sendable(function)

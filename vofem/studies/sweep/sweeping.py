@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypedDict
 
-from vofem._validate import number
+from vofem._validate import flag, flag_or_none, number
 from vofem.blas import blas_threads
 from vofem.errors import ArgumentError
 from vofem.kernels.mode import compiled as kernel_mode
@@ -116,7 +116,9 @@ def sweep(
     limit = None if time_limit is None else number("sweep: time_limit", time_limit, positive=True)
     table = as_points(points)
     own = workers_for(executor, function, workers)
-    compiled = kernel_mode() if compiled is None else bool(compiled)
+    retry_failed = flag("sweep: retry_failed", retry_failed)
+    asked = flag_or_none("sweep: compiled", compiled, "to follow VOFEM_COMPILED")
+    compiled = kernel_mode() if asked is None else asked
     task = Task(function, limit, compiled)
     if store is None:
         return _computed(task, table, own, None, progress)
