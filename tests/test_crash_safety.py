@@ -270,9 +270,9 @@ def test_missing_and_foreign_files(tmp_path):
     for name, message in (
         ("none.vtkhdf", "does not exist"),
         ("folder", "is a folder"),
-        ("text.vtkhdf", "is no HDF5 file"),
+        ("text.vtkhdf", r"is no HDF5 file, expected a file that Result\.save, Branch\.save, Locus\.save, Fit\.save or"),
         ("empty.vtkhdf", "is no HDF5 file"),
-        ("other.vtkhdf", "is an HDF5 file of another program"),
+        ("other.vtkhdf", r"is an HDF5 file of another program, expected a file that Result\.save, Branch\.save"),
     ):
         with pytest.raises(vf.StorageError, match=message):
             vf.load(tmp_path / name)

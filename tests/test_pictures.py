@@ -246,6 +246,15 @@ def test_shapes(paper, tmp_path):
     assert marked.shape[1] > closed.shape[1]
     with pytest.raises(vf.ArgumentError, match=r"shape \(30, 2\), expected \(30, 1\)"):
         shapes(result, times[:1], tmp_path / "a.png", beside=beside)
+    for other, message in (
+        (result, r"beside is Result\(.*expected a name, x in m and eta in m"),
+        (("name", x), "expected a name, x in m and eta in m"),
+        (("name", ["a"], [1.0]), "beside: x is .*expected an array of numbers"),
+        (("name", x, np.full_like(x, np.nan)), "beside: eta holds nan"),
+        ({"other": beside}, "beside: no outcome is named 'other'"),
+    ):
+        with pytest.raises(vf.ArgumentError, match=message):
+            shapes({"a": result}, times, tmp_path / "a.png", beside=other)
     with pytest.raises(vf.ArgumentError, match="a time of the run, 0 to 6 s"):
         shapes(result, [7.0], tmp_path / "a.png")
 

@@ -427,6 +427,16 @@ def test_failed_rows_stay_until_they_are_to_be_tried_again(tmp_path):
     assert vf.sweep(functions.trouble, points, executor="serial", store=store, retry_failed=True).counters == {
         "computed": 1, "stored": 1, "batches": 1, "restarts": 0,
     }  # fmt: skip
+    # The rows of points that are not asked for stay, failed ones too.
+    vf.sweep(functions.trouble, {"kind": ["fine"]}, executor="serial", store=store, retry_failed=True)
+    assert [str(one) for one in vf.load(store).failed] == [str(one) for one in first.failed]
+
+
+def test_a_limit_that_no_timer_reaches_is_none():
+    with ThreadPoolExecutor(1) as threads:
+        for workers in ("serial", threads):
+            table = vf.sweep(functions.square, {"x": [3]}, executor=workers, time_limit=1e12)
+            assert table.failed == ()
 
 
 @pytest.mark.parametrize("odd", ["none", 1j, ["none"]])

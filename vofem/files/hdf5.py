@@ -52,6 +52,9 @@ KINDS = {
     SWEEP: "the store of a sweep, which vofem.load reads",
 }
 
+#: What `vofem.load` expects.
+SAVED = "a file that Result.save, Branch.save, Locus.save, Fit.save or vofem.sweep has written"
+
 #: Size in bytes of a chunk, which is read or compressed as a whole, and of a block, after which the file is flushed.
 _CHUNK, _BLOCK = 1 << 20, 1 << 23
 
@@ -156,7 +159,7 @@ def writing(path: Path, *, overwrite: bool = False) -> Iterator[Blocks]:
 
 
 @contextlib.contextmanager
-def reading(path: str | os.PathLike[str], expected: str = "a file that Result.save has written") -> Iterator[h5py.File]:
+def reading(path: str | os.PathLike[str], expected: str = SAVED) -> Iterator[h5py.File]:
     """Give an HDF5 file that is open for reading; whatever fails in the block becomes a `StorageError`.
 
     `expected`: what messages say was expected.

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vofem.errors import ArgumentError
+from vofem.errors import ArgumentError, StorageError
 
 if TYPE_CHECKING:
     from vofem.progress import Progress
@@ -47,12 +47,14 @@ def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
     MissingCallableError
         If the run has bodies or effects of other classes and the scene was not given.
     """
-    from vofem.files.hdf5 import BRANCH, FIT, KINDS, LOCUS, SWEEP, kind_of, reading
+    from vofem.files.hdf5 import BRANCH, FIT, KINDS, LOCUS, SAVED, SWEEP, kind_of, reading
     from vofem.io.storage import branch_file, fit_file, run_file
     from vofem.studies.sweep.store import stored_sweep
 
     with reading(path) as file:
         kind = kind_of(file)
+        if not kind:
+            raise StorageError(f"{path} is an HDF5 file of another program, expected {SAVED}")
         if scene is not None and kind in (BRANCH, LOCUS, SWEEP):
             raise ArgumentError(f"load: {path} is {KINDS[kind]} without a scene; leave out scene=")
         if kind in (BRANCH, LOCUS):

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import series
+from vofem._validate import array, series, unknown, wrong
+from vofem.arrays import Array
 from vofem.bodies import Beam
 from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
@@ -67,11 +69,11 @@ def shapes(
     ------
     ArgumentError
         If an equilibrium is given without its scene, a scene has several beams and `body` is missing, times lie outside
-        the run, or arrays of `beside` have wrong shapes.
+        the run, or `beside` has another form, wrong shapes or titles that `outcome` has not.
     """
     runs: Mapping[str, Outcome] = outcome if isinstance(outcome, Mapping) else {"": outcome}
-    others: Mapping[str, Any] = beside if isinstance(beside, Mapping) else dict.fromkeys(runs, beside)
     at = [None] if times is None else series("shapes: times", times).tolist()
+    others = _others(beside, runs, len(at))
     drawn = {title: _Shapes(run, at, scene, body) for title, run in runs.items()}
     factor, unit = length(max(float(np.max(np.abs(shape.eta))) for shape in drawn.values()))
     width = 9.0 if len(runs) == 1 else 2.0 + 4.6 * len(runs)
@@ -84,6 +86,24 @@ def shapes(
     grid[0, 0].set_ylabel(f"deflection [{unit}]")
     legend(grid[0, -1], grid[0], _LEGEND, last=(_CLOSED, _SURFACE))
     return canvas
+
+
+def _others(beside: Any, runs: Mapping[str, Outcome], n_times: int) -> dict[str, tuple[str, Array, Array]]:
+    """Return what is drawn beside the outcomes, by their titles, with arrays of shapes (n,) and (n, n_times)."""
+    if not isinstance(beside, Mapping):
+        beside = {} if beside is None else dict.fromkeys(runs, beside)
+    found = {}
+    for title, other in beside.items():
+        if title not in runs:
+            raise unknown("outcome", title, runs, what="shapes: beside")
+        if not isinstance(other, (tuple, list)) or len(other) != 3 or not isinstance(other[0], str):
+            raise wrong("shapes: beside", reprlib.repr(other), "a name, x in m and eta in m: (name, x, eta)")
+        name, x, eta = other[0], series("shapes: beside: x", other[1]), array("shapes: beside: eta", other[2])
+        eta = eta[:, None] if eta.ndim == 1 else eta
+        if eta.shape != (x.size, n_times):
+            raise ArgumentError(f"shapes: beside: eta has shape {eta.shape}, expected {(x.size, n_times)}")
+        found[title] = (name, x, eta)
+    return found
 
 
 class _Shapes:
@@ -122,14 +142,10 @@ class _Shapes:
                 axes.plot(self.held[on], self.at_held[on, k] / factor, **dots, label=_CLOSED)
         if beside is not None:
             name, x, eta = beside
-            x, eta = np.asarray(x, dtype=float), np.asarray(eta, dtype=float) / factor
-            eta = eta[:, None] if eta.ndim == 1 else eta
-            if eta.shape != (x.size, len(self.times)):
-                raise ArgumentError(f"beside: eta has shape {eta.shape}, expected {(x.size, len(self.times))}")
             some = np.unique(np.linspace(0, x.size - 1, _MARKS).round().astype(int))
             marks = {"linestyle": "", "marker": "o", "markersize": 5.0, "markerfacecolor": "none", "zorder": 4}
             for k in range(eta.shape[1]):
-                axes.plot(x[some], eta[some, k], **marks, color=lines[k], label=name)
+                axes.plot(x[some], eta[some, k] / factor, **marks, color=lines[k], label=name)
 
 
 def _colors(count: int) -> list[Any]:

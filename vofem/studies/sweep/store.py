@@ -101,9 +101,10 @@ class SweepFile:
         """Return the stored rows by key."""
         return {key: row for key, (_, _, row) in self._entries.items()}
 
-    def forget_failed(self) -> None:
-        """From now on treat failed rows as missing."""
-        kept = {key: entry for key, entry in self._entries.items() if entry[2].values is not None}
+    def forget_failed(self, keys: Sequence[str]) -> None:
+        """From now on treat failed rows of these keys as missing."""
+        lost = set(keys)
+        kept = {k: entry for k, entry in self._entries.items() if entry[2].values is not None or k not in lost}
         self._changed |= len(kept) < len(self._entries)
         self._entries = kept
 

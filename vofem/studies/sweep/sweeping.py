@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypedDict
 
@@ -114,6 +115,7 @@ def sweep(
     if not callable(function):
         raise ArgumentError(f"sweep: function is {function!r}, expected a function that returns a dict of numbers")
     limit = None if time_limit is None else number("sweep: time_limit", time_limit, positive=True)
+    limit = None if limit is None or limit > threading.TIMEOUT_MAX else limit  # no timer runs for centuries
     table = as_points(points)
     own = workers_for(executor, function, workers)
     retry_failed = flag("sweep: retry_failed", retry_failed)
@@ -127,7 +129,7 @@ def sweep(
     about, unknown = identity(function, compiled)
     with contextlib.closing(SweepFile(store, about)) as file:
         if retry_failed:
-            file.forget_failed()
+            file.forget_failed(table.keys)
         try:
             outcome = _computed(task, table, own, file, progress)
         finally:
