@@ -502,6 +502,25 @@ def test_the_printed_law_is_for_a_single_loaded_mass():
         vf.simulate(paper_scene("cyclic")[1], 1.0, method="force_driven")
 
 
+def test_a_path_says_where_elongations_turn_between_its_load_factors():
+    """A stop closes within a step: the spring between the masses lengthens until then, and shortens beyond."""
+    a, b = vf.Mass(1.0, stiffness=3.0, name="a"), vf.Mass(1.0, name="b")
+    between = vf.BilinearSpring(b, a, stiffness=10.0, linear_limit=0.002, hardening=0.1, name="between")
+    stop = vf.Contact(b, gap=0.1, stiffness=1e3, side="above", acts_on="penetration", name="stop")
+    effects = [between, stop, vf.PointLoad(a, 1.0), vf.PointLoad(b, 0.5)]
+    scene = vf.Scene([a, b], effects)
+    coarse, fine = vf.quasi_static(scene, [0.3]), vf.quasi_static(scene, np.linspace(0.0, 0.3, 4001))
+    forces = fine.springs["between"].force
+    assert abs(coarse.springs["between"].force[-1] - forces[-1]) > 0.2 * np.max(forces)
+    assert fine.notes == []
+    assert any("give more factors" in note and "spring 'between' at load factor 0.3" in note for note in coarse.notes)
+    # A step in which every elongation goes one way gives the same as many.
+    once = vf.quasi_static(scene, [0.15, -1.0])
+    many = vf.quasi_static(scene, np.concatenate([np.linspace(0.0, 0.15, 11), np.linspace(0.15, -1.0, 101)[1:]]))
+    assert once.notes == many.notes == []
+    assert once.springs["between"].force[-1] == pytest.approx(many.springs["between"].force[-1], rel=1e-12)
+
+
 def test_quasi_static_refuses_what_it_cannot_do():
     mass, scene = paper_scene("cyclic")
     with pytest.raises(vf.ArgumentError, match="load_factors"):

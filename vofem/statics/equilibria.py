@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from vofem._validate import number, series
 from vofem.arrays import Array
 from vofem.assembly import Model
-from vofem.errors import ArgumentError, ConvergenceError, LimitLoadError
+from vofem.errors import ArgumentError, ConvergenceError, LimitLoadError, VofemError
 from vofem.integrators.stepping.energies import contact_energy, strain_energy
 from vofem.kernels.choice import by_need
 from vofem.scene import Scene, as_scene
@@ -93,7 +93,8 @@ def quasi_static(scene: Scene, load_factors: ArrayLike) -> QuasiStatic:
     next all elongations are taken to change monotonically. So give every turning point of the load, and factors between
     them where springs and contacts interact. The load changes infinitely slowly: dampers and springpots carry no force
     and are left out. The work of the loads is compared with the energy that bodies, springs and contacts store and
-    dissipate; `notes` of the outcome says where they differ.
+    dissipate; `notes` of the outcome says where they differ, and where factors between those that are given would
+    change the forces of springs.
 
     Parameters
     ----------
@@ -131,7 +132,9 @@ def quasi_static(scene: Scene, load_factors: ArrayLike) -> QuasiStatic:
         return _driven(model, float(force[0]) * factors, factors)
     if not any(group.static for group in system.laws):
         return _linear(model, force, factors)
-    return _path(model, force, factors)
+    outcome = _path(model, force, factors)
+    outcome.notes += _turning_notes(outcome, model, force)
+    return outcome
 
 
 @by_need("statics")
@@ -217,6 +220,9 @@ def _check_limit(model: Model, solver: Any, pulls: Array, factor: float, force: 
 #: Missing energy, over the largest energy, above which there is a note.
 _WORTH = 1e-6
 
+#: Change of a spring's force by further load factors, over its largest force, above which there is a note.
+_TURNED = 1e-3
+
 
 def taken(system: System, q: Array, energies: Array) -> Array:
     """Return the energy in J stored and dissipated by bodies, springs and contacts at each factor, (n_factors,).
@@ -255,6 +261,31 @@ def work_notes(factors: Array, way: Array, energy: Array, begin: tuple[float, fl
         f"{gained[worst]:.4g} J, while the loads' work lies between {ends[:, worst].min():.4g} and "
         f"{ends[:, worst].max():.4g} J: rounding has spoilt an equilibrium there, or a law's force falls while its "
         "elongation rises; make stiff parts less stiff, or check the laws"
+    ]
+
+
+def _turning_notes(outcome: QuasiStatic, model: Model, force: Array) -> list[str]:
+    """Return a note if elongations turn between two load factors: the same path with twice as many factors tells it."""
+    if not outcome.springs or len(outcome.springs) + len(outcome.contacts) < 2:
+        return []  # The elongation of one law follows the load.
+    factors = outcome.load_factors
+    halfway = 0.5 * (np.concatenate([[0.0], factors[:-1]]) + factors)
+    try:
+        finer = _path(model, force, np.stack([halfway, factors], axis=1).ravel())
+    except VofemError:
+        return []
+    off, worst, name = 0.0, 0, ""
+    for spring, path in outcome.springs.items():
+        forces = finer.springs[spring].force
+        largest, apart = float(np.max(np.abs(forces))), np.abs(forces[1::2] - path.force)
+        if np.max(apart) > off * largest:
+            off, worst, name = float(np.max(apart)) / largest, int(np.argmax(apart)), spring
+    if not off > _TURNED:
+        return []
+    return [
+        f"path: with a load factor more in every step the force of spring {name!r} at load factor "
+        f"{factors[worst]:g} differs by {off:.2g} of its largest force: an elongation turns between two factors, such "
+        "as where a contact closes or another spring yields; give more factors"
     ]
 
 
