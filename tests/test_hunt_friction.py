@@ -349,3 +349,18 @@ def test_a_slider_breaks_away_from_a_stop_at_which_the_bodies_rest_without_force
     np.testing.assert_allclose(result.frictions["pad"].breaks, 0.67045882, atol=1e-7)
     np.testing.assert_allclose(result.displacement(lower)[1:], [-0.74987784, -2.19311665], atol=1e-7)
     assert result.energy.balance_error < 1e-12
+
+
+def test_a_slider_that_stops_pulls_a_body_off_its_stop_although_the_load_grows() -> None:
+    """It pressed the body on the stop while it slid; once it sticks, both bodies move away together."""
+    body, slide = vf.Mass(1.0, name="body"), vf.Mass(1.0, name="slide")
+    stop = vf.RigidStop(body, gap=0.0, restitution=0.0, side="above", name="stop")
+    pad = vf.Friction(body, slide, coefficient=0.5, normal=4.0, name="pad")
+    loads = [vf.PointLoad(body, vf.Ramp(2.0, 0.0, 10.0)), vf.PointLoad(slide, vf.Constant(-1.0))]
+    scene = vf.Scene([body, slide], [stop, pad, *loads], initial={slide: (0.0, 1.0)})
+    t = np.array([0.0, 1.0 / 3.0, 0.5, 0.75])
+    result = vf.simulate(scene, 0.8, times=t, method="event_driven")
+    tau = np.maximum(t - 1.0 / 3.0, 0.0)
+    np.testing.assert_allclose(result.displacement(body), -(tau**2) / 12.0 + tau**3 / 6.0, atol=1e-14)
+    np.testing.assert_allclose(result.displacement(slide)[1:], 1.0 / 6.0 + result.displacement(body)[1:], atol=1e-14)
+    assert result.energy.balance_error < 1e-13

@@ -489,3 +489,26 @@ def test_a_force_that_begins_at_zero_presses_bodies_at_rest_on_each_other(force:
     both = vf.simulate(vf.Scene([one], [vf.PointLoad(one, force)]), 1.4, method="event_driven").displacement(one)
     np.testing.assert_allclose(run.displacement(lower), both, rtol=0, atol=1e-13 * np.max(np.abs(both)))
     np.testing.assert_allclose(run.displacement(upper), both, rtol=0, atol=1e-13 * np.max(np.abs(both)))
+
+
+def test_a_load_that_jumps_pulls_a_body_off_its_stop_although_it_pushes_again_soon() -> None:
+    """A stop cannot pull: the force is -1.5 + 3 (t - 1) from t = 1 on, until it pushes the body back."""
+    mass = vf.Mass(2.0, name="mass")
+    stop = vf.RigidStop(mass, gap=0.0, restitution=0.0, side="above", name="stop")
+    force = vf.Constant(0.5) + vf.Pulse(-2.0, 1.0, 1.0) + vf.Ramp(3.0, 1.0, 2.0)
+    scene = vf.Scene([mass], [stop, vf.PointLoad(mass, force)])
+    result = vf.simulate(scene, 1.9, times=[0.0, 1.0, 1.25, 1.5, 1.9], method="event_driven")
+    tau = np.array([0.0, 0.0, 0.25, 0.5, 0.9])
+    np.testing.assert_allclose(result.displacement(mass), -0.375 * tau**2 + 0.25 * tau**3, atol=1e-14)
+    assert result.energy.balance_error < 1e-13
+
+
+def test_a_load_that_jumps_takes_a_contact_off_its_gap_although_it_pushes_it_back_soon() -> None:
+    """A contact under the displacement law, which rests at its gap, opens; its force, from 0 to K0 gap, cannot pull."""
+    mass = vf.Mass(2.0, name="mass")
+    stop = vf.Contact(mass, gap=0.1, stiffness=20.0, damping=50.0, side="above", acts_on="displacement", name="stop")
+    force = vf.Constant(1.0) + vf.Pulse(-2.0, 2.0, 0.8) + vf.Ramp(3.0, 2.0, 3.0)
+    scene = vf.Scene([mass], [stop, vf.PointLoad(mass, force)], initial={mass: (0.1, 0.0)})
+    result = vf.simulate(scene, 2.6, times=[0.0, 2.0, 2.25, 2.5], method="event_driven")
+    tau = np.array([0.0, 0.0, 0.25, 0.5])
+    np.testing.assert_allclose(result.displacement(mass), 0.1 - 0.25 * tau**2 + 0.25 * tau**3, atol=1e-14)

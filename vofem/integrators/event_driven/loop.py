@@ -359,7 +359,7 @@ def run_segments(
                     # Rounding from earlier segments. The search itself considers only the changes within this segment.
                     for k in range(n):
                         size += row_sizes[o, k] * abs(displacement[k])
-            f[BEGINNING, j], f[CONSTANTS, j] = value, size
+            f[BEGINNING, j], f[CONSTANTS, j], f[HIT, j] = value, size, 1.0 if sign[j] == 0.0 else 0.0
         if over != -1 and run[UNSURE]:
             contact = -1 if over == -2 else owner[over]
             if contact != run[SWITCHED]:

@@ -518,7 +518,8 @@ def march(place: int, p: Any, z: Any, t: float, duration: float) -> float:
     `place`: of what is taken of the linear piece, see `FUNCTIONS`.
     `p`: the array of the blocks, shape (ROWS, m); their description and their states at tau = 0 are given.
     `z`: that of the event functions, shape (FUNCTION_ROWS, k), which are negative at tau = 0, or zero and falling.
-    Values and constants at tau = 0 are given.
+    Values and constants at tau = 0 are given, and which functions may begin above zero, as reactions do where forces
+    jump. Such a function is an event at tau = 0.
     `t`, `duration`: time of the run at tau = 0, and time from there at which the search ends, s.
     Returns `tau`: time of the event in s. If there is no event, it is `duration`, or an earlier time after
     `SEARCH_WORK`, at which t + tau is exact. The number of evaluations of the functions is left in the work space;
@@ -534,7 +535,7 @@ def march(place: int, p: Any, z: Any, t: float, duration: float) -> float:
     # The last time at which each function was at or below zero. If a function is above zero within rounding, its root
     # lies before `before`.
     for j in range(count):
-        f[HIT, j] = f[_BELOW, j] = 0.0
+        f[_BELOW, j] = 0.0
     quickest = 0.0
     for k in range(m):
         quickest = max(quickest, x[FREQUENCY, k], 2.0 * x[DELTA, k])
@@ -553,8 +554,8 @@ def march(place: int, p: Any, z: Any, t: float, duration: float) -> float:
         evaluations += 1
         found, all_below = False, True
         for j in range(count):
-            if tau > 0.0 and f[_VALUE, j] > f[_NOISE, j]:
-                f[HIT, j], found = 1.0, True
+            f[HIT, j] = 1.0 if (tau > 0.0 or f[HIT, j] != 0.0) and f[_VALUE, j] > f[_NOISE, j] else 0.0
+            found = found or f[HIT, j] != 0.0
             if f[_VALUE, j] > 0.0:
                 all_below = False
         if found:
