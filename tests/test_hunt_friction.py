@@ -364,3 +364,34 @@ def test_a_slider_that_stops_pulls_a_body_off_its_stop_although_the_load_grows()
     np.testing.assert_allclose(result.displacement(body), -(tau**2) / 12.0 + tau**3 / 6.0, atol=1e-14)
     np.testing.assert_allclose(result.displacement(slide)[1:], 1.0 / 6.0 + result.displacement(body)[1:], atol=1e-14)
     assert result.energy.balance_error < 1e-13
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
+def test_sliders_hold_bodies_beside_their_stops_until_these_must(restitution: float) -> None:
+    """Two alike bodies touch their stops: the load is taken by friction up to 0.25 N, and by the stop beyond."""
+    bodies = [vf.Mass(2.0, stiffness=4.0, name=f"body {k}") for k in range(2)]
+    effects = [vf.Spring(*bodies, stiffness=4.0)]
+    for k, body in enumerate(bodies):
+        effects += [
+            vf.Friction(body, coefficient=0.5, normal=0.5, name=f"pad {k}"),
+            vf.RigidStop(body, gap=0.0, restitution=restitution, side="above", name=f"stop {k}"),
+            vf.PointLoad(body, vf.Ramp(1.0, 0.0, 1.0)),
+        ]
+    result = vf.simulate(vf.Scene(bodies, effects), 2.0, times=[0.0, 0.125, 0.5, 2.0], method="event_driven")
+    for k, body in enumerate(bodies):
+        np.testing.assert_allclose(result.displacement(body), 0.0, atol=1e-15)
+        np.testing.assert_allclose(result.frictions[f"pad {k}"].force, [0.0, 0.125, 0.25, 0.25], atol=1e-14)
+        np.testing.assert_allclose(result.contacts[f"stop {k}"].force, [0.0, 0.0, 0.25, 0.75], atol=1e-14)
+
+
+def test_bodies_that_sliders_stop_at_each_other_rest() -> None:
+    """The stop between them is not needed, and its force not determined, where friction holds both bodies."""
+    first, second = vf.Mass(2.0, name="first"), vf.Mass(1.0, name="second")
+    stop = vf.RigidStop(first, second, gap=0.0, restitution=0.0, name="stop")
+    pads = [vf.Friction(body, coefficient=0.5, normal=2.0, name=f"pad of {body.name}") for body in (first, second)]
+    loads = [vf.PointLoad(first, vf.Ramp(-1.0, 0.0, 1.0) + vf.Constant(1.5))]
+    scene = vf.Scene([first, second], [stop, *pads, *loads], initial={first: (0.0, 1.0), second: (0.0, 1.0)})
+    result = vf.simulate(scene, 4.0, method="event_driven")
+    np.testing.assert_allclose(result.displacement(first), result.displacement(second), atol=1e-14)
+    assert result.velocity(second)[-1] == 0.0
+    assert result.energy.dissipated[-1] == pytest.approx(result.energy.start + result.energy.work[-1], rel=1e-12)

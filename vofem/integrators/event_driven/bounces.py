@@ -22,6 +22,9 @@ Integers = NDArray[np.int64]
 #: Share of the largest impulse at a time below which an impulse is rounding.
 _NOTHING = 1e-12
 
+#: Part of a row that others do not have, over its size, below which it is rounding.
+_DEPENDENT = 1e-9
+
 #: Speed of approach, over the largest one of the stop, below which the body comes to rest at the stop.
 REST = 1e-9
 
@@ -46,6 +49,12 @@ def struck(row: Array, restitution: float, velocity: Array) -> Array:
     return np.asarray(velocity - np.multiply.outer(row, (1.0 + restitution) * (row @ velocity) / (row @ row)))
 
 
+def within(row: Array, rows: Array) -> bool:
+    """Return whether a row (n,) is a sum of multiples of others (k, n)."""
+    rest = row - rows.T @ np.linalg.lstsq(rows.T, row, rcond=None)[0] if len(rows) else row
+    return bool(np.linalg.norm(rest) <= _DEPENDENT * np.linalg.norm(row))
+
+
 def bounces_of(laws: ContactLaws, rows: Array, record: Record, events: Events) -> Bounces:
     """Return the impacts on the rigid stops of a run, given the modal rows of the contacts, (n_contacts, n)."""
     mine = np.flatnonzero(laws.rigid[events.contact] & (events.status != OPEN))
@@ -64,8 +73,9 @@ def bounces_of(laws: ContactLaws, rows: Array, record: Record, events: Events) -
             found.append((number, index, j, speed, e * speed, (1.0 + e) * speed / inverse, pressed, lost))
         elif index < record.segments and record.status(index)[j] == PINNED:
             # It was not let go at the same time.
-            held = np.flatnonzero(record.status(index) == PINNED)
-            speeds = np.where(held < events.initial.size, rows[held] @ record.state(index)[1], 0.0)
+            # Sliders, which are further rows, resist no impact.
+            held = np.flatnonzero(record.status(index)[: events.initial.size] == PINNED)
+            speeds = rows[held] @ record.state(index)[1]
             impulses = np.linalg.solve(rows[held] @ rows[held].T, speeds)
             least = _NOTHING * np.abs(impulses).max()
             for k, speed, impulse in zip(held.tolist(), speeds.tolist(), impulses.tolist(), strict=True):

@@ -75,8 +75,9 @@ MODES_OF_RUN, CONTACTS, STOPS, LOADS, INTERVALS, DRIFTING, SEGMENT_ROOM, EVENT_R
 #: bounds on the terms that these are summed of, and `LAWS`; the frequencies of the modes (n,); with sliders bounds on
 #: the modal loads in each interval (i, n); the largest speed of approach of each rigid stop (c,), and the largest modal
 #: state of a scene with such stops or sliders (2, n); distances that are rounding of contacts that leave their stops
-#: without speed, m, and 1 for the sliders that have just changed their status (2, c); the time that has been reached
-#: (1,), the modal state (2, n) and the gap functions (c,); the arrays of the record, see `Buffers`; and work space.
+#: without speed, m, or -1e100 where nothing moves them, and 1 for the sliders that have just changed their status
+#: (2, c); the time that has been reached (1,), the modal state (2, n) and the gap functions (c,); the arrays of the
+#: record, see `Buffers`; and work space.
 EDGES, STATES, KINDS, OMEGA, BEND, DRIFT, CONTACT_ROWS, CONTACT_SIZES, LAWS, FREQUENCIES, PUSHES = range(21, 32)
 LARGEST, SEEN, FRESH, TIME, STATE, GAPS = range(32, 38)
 STARTS, DURATIONS, STATUSES, DISPLACEMENTS, VELOCITIES, SEGMENT_GAPS, LOGGED = range(38, 45)
@@ -353,8 +354,7 @@ def run_segments(
             elif sign[j] == 0.0:
                 value = inner(event_rows[j, 0], begin[0]) + inner(event_rows[j, 1], begin[1])
             else:
-                value = sign[j] * gaps[o]
-                size += fresh[0, o]
+                value, size = sign[j] * gaps[o] + min(fresh[0, o], 0.0), size + max(fresh[0, o], 0.0)
                 if slot[INTO]:
                     # Rounding from earlier segments. The search itself considers only the changes within this segment.
                     for k in range(n):
@@ -418,8 +418,9 @@ def run_segments(
         run[SWITCHED_TO] = leads[hit]
         if contact >= stops:
             for j in range(count):
-                if (sign[j] == 0.0 and owner[j] < stops) or tau == 0.0:
-                    # A stop at which something rests may hold the slider too.
+                touched = laws[owner[j], RESTITUTION] >= 0.0 and gaps[owner[j]] == 0.0
+                if tau == 0.0 or touched or (sign[j] == 0.0 and owner[j] < stops):
+                    # A stop that is touched or at which something rests may hold the slider too, or what it held.
                     return DECISION
             if leads[hit] == UP or leads[hit] == DOWN:
                 gaps[contact] = laws[contact, STRETCH] if leads[hit] == UP else -laws[contact, STRETCH]

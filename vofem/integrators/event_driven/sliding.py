@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError, MethodError
 from vofem.integrators.base import Energies
+from vofem.integrators.event_driven.bounces import within
 from vofem.integrators.event_driven.energy import work_and_dissipation
 from vofem.integrators.event_driven.loop import OVER, STILL
 from vofem.integrators.event_driven.modal_space import ModalSpace
@@ -25,7 +26,7 @@ from vofem.integrators.event_driven.regime import Regime, Regimes, flat
 from vofem.integrators.event_driven.sliders import Sliders, with_sliders
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.laws.friction import DOWN, UP
-from vofem.system import CLOSED, PINNED, Counters, Events, State, System
+from vofem.system import CLOSED, OPEN, PINNED, Counters, Events, State, System
 
 Integers = NDArray[np.int64]
 
@@ -160,6 +161,7 @@ class SlidingSolution(EventSolution):
         for over, choice in product(_OVER, choices):
             trial = status.copy()
             trial[places] = [order[k] for order, k in zip(orders, choice, strict=True)]
+            self._let_go(trial)
             if self._admissible(t, trial, displacement, velocity, gaps, triggered, undecided, status, over):
                 status[:] = trial
                 return
@@ -167,6 +169,15 @@ class SlidingSolution(EventSolution):
             f"at t = {t:.6g} s no status of {self.sliders.labels[undecided[0]]} agrees with its forces; rounding hides "
             "what happens there. Give the slider a stiffness"
         )
+
+    def _let_go(self, status: Integers) -> None:
+        """Open the stops whose bodies stuck sliders hold without them, together with other stops."""
+        rows = self.space.contacts
+        for j in np.flatnonzero(status[: self.contact_count] == PINNED).tolist():
+            others = status == PINNED
+            others[j] = False
+            if np.any(others[self.contact_count :]) and within(rows[j], rows[others]):
+                status[j] = OPEN
 
     def _admissible(
         self, t: float, status: Integers, displacement: Array, velocity: Array, gaps: Array, triggered: dict[int, int],

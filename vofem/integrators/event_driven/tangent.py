@@ -160,4 +160,8 @@ def _onto(rows: Array, vectors: Array) -> Array:
     """Return the parts of vectors, shape (n,) or (n, k), that lie in the space of some rows."""
     if not rows.shape[0]:
         return np.zeros_like(vectors)
-    return np.asarray(rows.T @ np.linalg.solve(rows @ rows.T, rows @ vectors))
+    try:
+        return np.asarray(rows.T @ np.linalg.solve(rows @ rows.T, rows @ vectors))
+    except np.linalg.LinAlgError:
+        # Rows of stops and of stuck sliders may depend on each other.
+        return np.asarray(rows.T @ np.linalg.lstsq(rows.T, vectors, rcond=None)[0])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError, EventStormError
-from vofem.integrators.event_driven.bounces import REST, struck
+from vofem.integrators.event_driven.bounces import REST, struck, within
 from vofem.integrators.event_driven.follow import Follower
 from vofem.integrators.event_driven.loop import NEAR, SWITCHED, SWITCHED_TO, ZERO
 from vofem.integrators.event_driven.sliding import SlidingSolution
@@ -27,6 +27,9 @@ _MOST_AT_ONCE = 10_000
 #: Events of sliders at one moment, above which they would not end.
 _STALLED = 200
 
+
+#: Distance from its stop of a contact that nothing moves.
+_NEVER = -1e100
 
 #: Derivatives of forces that are looked at where bodies at rest begin to be pressed on a stop.
 _MOST_DERIVATIVES = 4
@@ -76,7 +79,11 @@ class Walker(Follower):
         # What leaves its stop without speed, as forces slowly change their signs, is not followed from nothing.
         near = places + self._forces() * (NEAR * duration) ** 2 if leaving.any() else places
         self._fresh[0] = np.where(leaving, near, 0.0)
-        self._single = bool(leaving.any())
+        for j in np.flatnonzero(self._touching()).tolist():
+            if self._stuck(self._rows[j]):
+                # Only rounding moves it.
+                self._fresh[0, j] = _NEVER
+        self._single = bool(self._fresh[0].any())
         before = self.time
         super().advance()
         self._stalled = self._stalled + 1 if self.time == before else 0
@@ -118,7 +125,7 @@ class Walker(Follower):
             # One that slid before has come to rest first.
             stops = lead in (UP, DOWN) and self.status[switched] in (UP, DOWN)
             triggered = {switched: PINNED if stops else lead}
-        self._decide(triggered)
+        self._pass_sliders(triggered)
 
     def _see(self, displacement: Array, velocity: Array) -> None:
         """Take a modal state among those whose size tells what is rounding."""
@@ -147,12 +154,18 @@ class Walker(Follower):
         held = self._rows[:stops][before[:stops] == PINNED]
         velocity = self.velocity - np.linalg.pinv(held) @ (held @ self.velocity) if len(held) else self.velocity
         self._see(self.displacement, self.velocity)
-        self.status, self._gaps[:] = solution.decide(
+        after, self._gaps[:] = solution.decide(
             self.time, before, self.displacement, velocity, self._gaps, triggered, self._fastest
         )
-        solution.counters.events += int(np.sum(before[stops:] != self.status[stops:]))
-        if solution.record.segments:
-            self._fresh[1, stops:] = (self.status != solution.record.last_status)[stops:]
+        let_go = np.flatnonzero(before[:stops] != after[:stops])
+        if np.any(np.abs(self._rows[let_go] @ self.velocity) > self._zero()[let_go]):
+            # What the impact at a stop does that is let go at once is between segments of its own.
+            self._record()
+            self.velocity = velocity
+        for j in let_go.tolist():
+            self._log(j, OPEN)
+        self.status = after
+        solution.counters.events += int(np.sum(before[stops:] != after[stops:]))
 
     def _zero(self) -> Array:
         """Return the speeds at the contacts below which they are rounding, m/s."""
@@ -171,7 +184,7 @@ class Walker(Follower):
 
         With none, loads may jump, or begin to press on what touches its stop at rest.
         """
-        touching = self._laws.rigid & (self.status == OPEN) & (self._gaps == 0.0)
+        touching = self._touching()
         if not entered and touching.any():
             self._strike(touching)
         triggered = {j: new for j, new in entered.items() if j >= self._stops}
@@ -183,7 +196,24 @@ class Walker(Follower):
                 self.status[j] = new if new in (UP, DOWN) else self.status[j]
             self._pass_contacts(entered)
         if isinstance(self.solution, SlidingSolution):
-            self._decide(triggered)
+            self._pass_sliders(triggered)
+
+    def _pass_sliders(self, triggered: dict[int, int]) -> None:
+        """Choose the statuses of the sliders, and strike the stops off which they no longer hold bodies."""
+        before, present = self.solution.record.last_status, self.status
+        self._decide(triggered)
+        touching = self._touching()
+        if np.any(self.status[self._stops :] != present[self._stops :]) and touching.any():
+            # Sliders that begin to slide no longer hold bodies off the stops that these touch at rest.
+            present = self.status
+            self._strike(touching)
+            if self.status is not present:
+                self._decide({})
+        self._fresh[1, self._stops :] = (self.status != before)[self._stops :]
+
+    def _touching(self) -> NDArray[np.bool_]:
+        """Return which rigid stops are touched and hold nothing, shape (n_contacts,)."""
+        return np.asarray(self._laws.rigid & (self.status == OPEN) & (self._gaps == 0.0))
 
     def _pass_contacts(self, entered: dict[int, int]) -> None:
         solution, rigid = self.solution, self._laws.rigid
@@ -288,7 +318,9 @@ class Walker(Follower):
             force = acceleration(space, None, self.status, self.displacement, velocity, load)
             pushed, size = self._pushed(int(j), velocity), self._forces()[j]
             pulled = self._pulls(settled, zero)
-            if abs(pushed) <= ZERO * size:
+            if self._stuck(row):
+                pushed = 0.0
+            elif abs(pushed) <= ZERO * size:
                 pushed, size = self._begins(row, velocity, force), 0.0
             if pushed > ZERO * size and not (pulled and j not in done):
                 if self._bounced:
@@ -303,6 +335,14 @@ class Walker(Follower):
                 done.add(j)
                 return True
         return self.status is not before
+
+    def _stuck(self, row: Array) -> bool:
+        """Return whether it takes stuck sliders, which no belt moves, to hold a coordinate; then no stop needs to."""
+        at_rest, first = self.status == PINNED, self._stops
+        if isinstance(self.solution, SlidingSolution):
+            at_rest[first:] &= [anchor.belt is None for anchor in self.solution.sliders.anchors]
+        rows, stops = self._rows[at_rest], self._rows[:first][at_rest[:first]]
+        return len(rows) > len(stops) and within(row, rows) and not within(row, stops)
 
     def _begins(self, row: Array, velocity: Array, force: Array) -> float:
         """Return the first derivative of the push along a row that is not zero, of what does not push yet.
