@@ -36,7 +36,7 @@ _MOST_DERIVATIVES = 4
 
 
 class Walker(Follower):
-    """A motion with rigid stops or sliders that is followed from segment to segment."""
+    """A motion with rigid stops or sliders."""
 
     def __init__(
         self, solution: EventSolution, time: float, status: Status, displacement: Array, velocity: Array,

@@ -196,9 +196,7 @@ class Canvas:
         """Write the file; return its path, or without one the axes: one, or an array of them."""
         if self._goal is None:
             return self.grid[0, 0] if self.grid.size == 1 else np.squeeze(self.grid)
-        with replacing(self._goal) as temporary:
-            write_figure(self.figure, temporary)
-        return self._goal
+        return save(self.figure, self._goal)
 
 
 def single(what: str, path: Where, ax: Any, size: tuple[float, float]) -> tuple[Canvas, Any]:
@@ -214,6 +212,19 @@ def _given(what: str, ax: Any, count: int) -> Any:
         expected = "matplotlib axes" if count == 1 else f"{count} matplotlib axes in a sequence"
         raise ArgumentError(f"{what}: ax is {ax!r}, expected {expected}; leave it out for a figure of its own")
     return listed
+
+
+def panels(size: tuple[float, float], rows: int = 1, columns: int = 1, **options: Any) -> tuple[Any, Any]:
+    """Return a new figure for a file, with its size in inches, and its axes, shape (rows, columns)."""
+    canvas = Canvas("panels", "panels.png", None, size, rows, columns, **options)
+    return canvas.figure, canvas.grid
+
+
+def save(figure: Any, goal: Path) -> Path:
+    """Write a figure to its file, completely or not at all."""
+    with replacing(goal) as temporary:
+        write_figure(figure, temporary)
+    return goal
 
 
 def write_figure(figure: Any, path: Path, **options: Any) -> None:
