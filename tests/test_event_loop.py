@@ -165,6 +165,44 @@ def test_impacts_on_rigid_stops_are_those_of_the_loop(monkeypatch):
     assert abs(result.energy.balance_error) < 1e-11
 
 
+def dampers():
+    """Three masses with a rigid damper, one behind a spring, one on a belt, and an elastic stop between two masses."""
+    masses = [vf.Mass(1.0, stiffness=1.0, damping=0.1, name=name) for name in ("low", "middle", "high")]
+    low, middle, high = masses
+    effects = [
+        vf.Spring(low, middle, stiffness=3.0),
+        vf.Spring(middle, high, stiffness=2.0),
+        vf.Friction(low, coefficient=0.3, static=0.4, normal=1.0, name="rigid"),
+        vf.Friction(middle, coefficient=0.2, normal=1.0, stiffness=40.0, name="behind a spring"),
+        vf.Friction(high, coefficient=0.1, normal=1.0, belt=0.2, name="on a belt"),
+        vf.Contact(middle, high, gap=0.05, stiffness=50.0, acts_on="penetration", name="stop"),
+        vf.PointLoad(low, vf.Sine(2.0, 0.9)),
+    ]
+    return vf.Scene(masses, effects)
+
+
+def test_sliders_are_those_of_the_loop(monkeypatch):
+    """Python chooses statuses that are met for the first time, or that sliders decide together: few of hundreds."""
+    counts = counted(monkeypatch)
+    whole = run(dampers(), 300.0)
+    assert counts["calls"] <= 60
+    assert whole.counters.events > 500
+    assert abs(whole.energy.balance_error) < 1e-11
+    slowly = vf.simulate(dampers(), 60.0, method="event_driven", times=np.linspace(0.0, 60.0, 61), compiled=False)
+    for name, slider in slowly.frictions.items():
+        fast = whole.frictions[name]
+        assert slider.stops.size > 10
+        assert fast.stops[fast.stops < 60.0] == pytest.approx(slider.stops, rel=1e-9)
+        assert fast.breaks[fast.breaks < 60.0] == pytest.approx(slider.breaks, rel=1e-9)
+        assert fast.dissipated[whole.times == 60.0] == pytest.approx(slider.dissipated[-1], rel=1e-9)
+    monkeypatch.setattr(follow, "MOST", 1)
+    often = run(dampers(), 300.0)
+    assert counts["calls"] > often.counters.steps
+    assert often.counters == whole.counters
+    for mine, other in zip(coordinates(whole), coordinates(often), strict=True):
+        assert np.array_equal(mine, other)
+
+
 @pytest.mark.parametrize("name", ["beam, damped", "chain", "pinned", "rigid stop", "rigid stop, pushed off"])
 def test_results_do_not_depend_on_when_the_loop_returns(name, monkeypatch):
     build, t_end = SCENES[name]

@@ -21,6 +21,7 @@ from vofem.integrators.event_driven.loop import (
     BOUNCES,
     COLUMNS,
     DECISION,
+    DONE,
     EDGES,
     EVALUATIONS,
     EVENT_ROOM,
@@ -30,7 +31,6 @@ from vofem.integrators.event_driven.loop import (
     INTERVAL,
     LEFT,
     MODES_OF_RUN,
-    NEW_STATUS,
     NUMBERS,
     OVERLOAD,
     SEARCH,
@@ -178,7 +178,7 @@ class Follower:
         counters.steps += record.segments - first - int(run[BOUNCES])
         counters.events += record.events - first_event + int(run[SLIPS])
         counters.gap_evaluations += int(run[EVALUATIONS]) * self._gaps.size
-        if record.segments > first or reason in (NEW_STATUS, OVERLOAD):
+        if record.segments > first or reason != DONE:
             self._take_over(self._space[WORK_F - WORK_X] if reason == DECISION else None, overload=reason == OVERLOAD)
 
     def _place(self, table: NDArray[np.int64]) -> None:
