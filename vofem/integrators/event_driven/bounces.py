@@ -49,10 +49,10 @@ def struck(row: Array, restitution: float, velocity: Array) -> Array:
     return np.asarray(velocity - np.multiply.outer(row, (1.0 + restitution) * (row @ velocity) / (row @ row)))
 
 
-def within(row: Array, rows: Array) -> bool:
-    """Return whether a row (n,) is a sum of multiples of others (k, n)."""
-    rest = row - rows.T @ np.linalg.lstsq(rows.T, row, rcond=None)[0] if len(rows) else row
-    return bool(np.linalg.norm(rest) <= _DEPENDENT * np.linalg.norm(row))
+def shares(row: Array, rows: Array) -> Array | None:
+    """Return the factors (k,) with which a row (n,) is a sum of others (k, n); None where it is none."""
+    found = np.asarray(np.linalg.lstsq(rows.T, row, rcond=None)[0]) if len(rows) else np.zeros(0)
+    return found if np.linalg.norm(row - found @ rows) <= _DEPENDENT * np.linalg.norm(row) else None
 
 
 def bounces_of(laws: ContactLaws, rows: Array, record: Record, events: Events) -> Bounces:

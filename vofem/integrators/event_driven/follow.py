@@ -105,7 +105,7 @@ class Follower:
         bounds = np.zeros((0, n))
         if solution.sliders is not None:
             laws = laws.copy()
-            laws[self._stops :, ANCHOR] = solution.sliders.lines(loads)
+            laws[self._stops :, ANCHOR] = solution.sliders.lines(loads.function[0], loads.omega[0])
             bounds = load_bounds(loads, solution.load_vectors)
         rows = solution.space.contacts
         row_sizes = rows if solution.system.contacts is None else solution.row_sizes

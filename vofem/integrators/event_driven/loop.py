@@ -152,6 +152,15 @@ def _zero(row: Array, seen: Array, frequencies: Array) -> float:
 
 
 @jit
+def _fastest(row: Array, seen: Array) -> float:
+    """Return the size of the terms of the speed at a contact, as large as they have been, m/s."""
+    size = 0.0
+    for k in range(row.size):
+        size += abs(row[k]) * seen[1, k]
+    return size
+
+
+@jit
 def _push(row: Array, seen: Array, frequencies: Array, load: Array) -> float:
     """Return the size of the acceleration at a contact, of which forces may balance each other, m/s^2.
 
@@ -331,7 +340,7 @@ def run_segments(
         for j in range(count):
             size, o = level[j], owner[j]
             if o >= stops:
-                held, speed = laws[o, STRETCH], 0.0
+                held = laws[o, STRETCH]
                 if slides[o] == 0.0 and held > 0.0:
                     value = (gaps[o] if leads[j] == UP else -gaps[o]) - laws[o, BREAKS]
                 else:
@@ -340,10 +349,8 @@ def run_segments(
                         over = j if over == -1 and fresh[1, o] != 0.0 else -2
                 if fresh[1, o] != 0.0:
                     if slides[o] != 0.0:
-                        speed = abs(inner(drift[kind, o], begin[1, :drifting]))
-                        for k in range(n):
-                            speed += abs(rows[o, k]) * seen[1, k]
-                        if abs(value) <= STILL * speed:
+                        belt = abs(inner(drift[kind, o], begin[1, :drifting]))
+                        if abs(value) <= STILL * (_fastest(rows[o], seen) + belt):
                             # It begins to slide from rest.
                             value = 0.0
                             size += _push(rows[o], seen, frequencies, pushes[interval]) * NEAR * duration
@@ -450,10 +457,8 @@ def run_segments(
             for k in range(n):
                 velocity[k] = state[1, k] - rows[contact, k] * turned
             for j in range(stops, contacts):
-                slip, size = inner(drift[kind, j], begin[1, :drifting]), 0.0
-                for k in range(n):
-                    slip, size = slip + rows[j, k] * velocity[k], size + abs(rows[j, k]) * seen[1, k]
-                if slides[j] != 0.0 and slides[j] * slip <= STILL * size:
+                slip = inner(rows[j], velocity) + inner(drift[kind, j], begin[1, :drifting])
+                if slides[j] != 0.0 and slides[j] * slip <= STILL * _fastest(rows[j], seen):
                     # The impact stops the slider, or turns it.
                     return DECISION
             largest[contact] = max(largest[contact], speed)

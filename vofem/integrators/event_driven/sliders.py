@@ -25,7 +25,6 @@ from vofem.time_functions import TimeFunction
 from vofem.time_functions.piece import Piece
 
 if TYPE_CHECKING:
-    from vofem.integrators.event_driven.exosystem import Exosystem
     from vofem.integrators.event_driven.modal_space import ModalSpace
     from vofem.integrators.event_driven.spectrum import Spectrum
 
@@ -133,9 +132,9 @@ class Sliders:
         """The elongation of their springs while they slide, m, shape (k,); zero for rigid ones."""
         return np.where(self.rigid, 0.0, self.limit / self.stiffness)
 
-    def lines(self, loads: Exosystem) -> Integers:
-        """Return the loads whose constants put the anchors in their places, of all kinds, shape (k,)."""
-        return np.argmax((self.place(loads.function[0]) > 0.0) & (loads.omega[0] == 0.0), axis=1)
+    def lines(self, function: Integers, omega: Array) -> Integers:
+        """Return the loads whose constants put the anchors in their places, shape (k,); those of all kinds are one."""
+        return np.argmax((self.place(function) > 0.0) & (omega == 0.0), axis=1)
 
     def belt(self, t: ArrayLike, order: int = 0) -> Array:
         """Return the speeds of the belts at times in m/s, or their derivatives, shape (k, *t.shape)."""
@@ -159,7 +158,7 @@ class Sliders:
     def anchored(self, w: Array, function: Integers, omega: Array, place: Array) -> Array:
         """Return states of the loads (m, 2, e) in which the anchors are at some places, m, shape (m, k)."""
         w, of = w.copy(), self.place(function)
-        for j, line in enumerate(np.argmax((of > 0.0) & (omega == 0.0), axis=1).tolist()):
+        for j, line in enumerate(self.lines(function, omega).tolist()):
             others = of[j].copy()
             others[line] = 0.0
             w[:, 0, line] = place[:, j] - w[:, 0] @ others
@@ -204,7 +203,7 @@ class Sliders:
         `velocities`: rows of the slip speeds and such bounds, shape (k, 2, M).
         `reaction`: rows of the reactions of everything pinned, and such bounds.
         """
-        first, own, signs = self.first, status[self.first :], self.signs(status)
+        first, own, signs, breaks = self.first, status[self.first :], self.signs(status), self.breaks
         held = np.flatnonzero(status == PINNED).tolist()
         found: list[tuple[Any, ...]] = []
         for j in range(len(self)):
@@ -215,13 +214,13 @@ class Sliders:
             if own[j] == PINNED:
                 assert reaction is not None
                 at = held.index(first + j)
-                row, bound, limit = reaction[0][at], reaction[1][at], self.static[j]
+                row, bound = reaction[0][at], reaction[1][at]
             else:
-                row, bound, limit = coordinates[first + j], sizes[first + j], self.static[j] / self.stiffness[j]
+                row, bound = coordinates[first + j], sizes[first + j]
             for sign, lead in ((1.0, UP), (-1.0, DOWN)):
                 above = sign * row
-                above[0, 0] -= limit
-                found.append((above, bound, 0.0, limit, first + j, lead))
+                above[0, 0] -= breaks[j]
+                found.append((above, bound, 0.0, breaks[j], first + j, lead))
         return Exits(*map(np.array, zip(*found, strict=True)))
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError, MethodError
 from vofem.integrators.base import Energies
-from vofem.integrators.event_driven.bounces import within
+from vofem.integrators.event_driven.bounces import shares
 from vofem.integrators.event_driven.energy import work_and_dissipation
 from vofem.integrators.event_driven.loop import OVER, STILL
 from vofem.integrators.event_driven.modal_space import ModalSpace
@@ -106,7 +106,7 @@ class SlidingSolution(EventSolution):
                     # An impact has turned the speed.
                     status[at] = CLOSED
                 if status[at] in (UP, DOWN):
-                    gaps[at] = (1.0 if status[at] == UP else -1.0) * sliders.limit[j] / sliders.stiffness[j]
+                    gaps[at] = sliders.stretch[j] if status[at] == UP else -sliders.stretch[j]
                 continue
             gaps[at] = 0.0
             if at in triggered or still[j]:
@@ -123,10 +123,8 @@ class SlidingSolution(EventSolution):
         How it shares the load with the stops is not determined. It takes what it can.
         """
         stops = self.space.contacts[: self.contact_count][status[: self.contact_count] == PINNED]
-        if not len(stops):
-            return 0.0
-        share = np.linalg.lstsq(stops.T, row, rcond=None)[0]
-        if np.linalg.norm(row - share @ stops) > 1e-9 * np.linalg.norm(row):
+        share = shares(row, stops)
+        if share is None:
             return 0.0
         return 1.0 if share.sum() >= 0.0 else -1.0
 
@@ -176,7 +174,7 @@ class SlidingSolution(EventSolution):
         for j in np.flatnonzero(status[: self.contact_count] == PINNED).tolist():
             others = status == PINNED
             others[j] = False
-            if np.any(others[self.contact_count :]) and within(rows[j], rows[others]):
+            if np.any(others[self.contact_count :]) and shares(rows[j], rows[others]) is not None:
                 status[j] = OPEN
 
     def _admissible(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vofem.arrays import Array
 from vofem.errors import ConvergenceError, EventStormError
-from vofem.integrators.event_driven.bounces import REST, struck, within
+from vofem.integrators.event_driven.bounces import REST, shares, struck
 from vofem.integrators.event_driven.follow import Follower
 from vofem.integrators.event_driven.loop import NEAR, SWITCHED, SWITCHED_TO, ZERO
 from vofem.integrators.event_driven.sliding import SlidingSolution
@@ -342,7 +342,7 @@ class Walker(Follower):
         if isinstance(self.solution, SlidingSolution):
             at_rest[first:] &= [anchor.belt is None for anchor in self.solution.sliders.anchors]
         rows, stops = self._rows[at_rest], self._rows[:first][at_rest[:first]]
-        return len(rows) > len(stops) and within(row, rows) and not within(row, stops)
+        return len(rows) > len(stops) and shares(row, rows) is not None and shares(row, stops) is None
 
     def _begins(self, row: Array, velocity: Array, force: Array) -> float:
         """Return the first derivative of the push along a row that is not zero, of what does not push yet.
